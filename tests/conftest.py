@@ -92,6 +92,13 @@ def nuisances(request):
 
 
 @pytest.fixture
+def among(nuisances):
+    """`among("delay")`: what a fit may adopt of logs that show this effect; the study searches every other one
+    beside it."""
+    return lambda *names: tuple(dict.fromkeys((*nuisances, *names)))
+
+
+@pytest.fixture
 def save(tmp_path):
     """Writes a file and gives its path."""
 

@@ -143,10 +143,10 @@ def test_what_the_model_leaves_out_is_named(bench, logs, said, nuisances):
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_what_logs_call_for_is_fitted(bench, logs, effects):
+def test_what_logs_call_for_is_fitted(bench, logs, effects, among):
     """The plate is right with it, and without it, as of a bench that is known not to have it, a misfit."""
     made = logs(bench)
-    fit = sysid.fit(made)
+    fit = sysid.fit(made, nuisances=among(*effects))
     assert (
         fit.result is Result.successful and {f.key for f in fit.findings if f.outcome == "fitted"} <= effects
     ), fit.warnings
@@ -423,13 +423,15 @@ def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench, se
 
 
 @seeds(1, 4)
-def test_rows_that_are_lost_amid_a_rise_are_fitted(bench, seeds):
+def test_rows_that_are_lost_amid_a_rise_are_fitted(bench, seeds, among):
     """Three rows of a twentieth of tau, and the recorder counts on: tau was 7 of its errors off, or something
     else was named."""
     for seed in seeds:
         log = bench.transient(seed=seed, noise=0.005)
         kept = np.delete(np.arange(len(log)), slice(32, 35))
-        fit = sysid.fit([replace(taken(log, kept), time=log.time[: len(kept)])])
+        fit = sysid.fit(
+            [replace(taken(log, kept), time=log.time[: len(kept)])], nuisances=among("rows_lost", "delay")
+        )
         assert fit.result is Result.successful, fit.warnings
         lost = next(f for f in fit.findings if f.key == "rows_lost")
         rows = lost.numbers["rows"]
