@@ -9,6 +9,8 @@ import os
 import tomllib
 import warnings
 from functools import cache, partial
+from importlib.util import find_spec
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 # Before numpy is imported. Workers take all cores: threads that wait for one another take many times as long
@@ -22,6 +24,13 @@ import reference
 # The tests compile many programs and run each a few times. The fit's and the sampler's say themselves how
 # they are compiled.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+# Programs that the fit does not compile itself, as it does those: in half the time. XLA ends a process that sets
+# a flag which it does not know.
+FLAG = "xla_cpu_use_fusion_emitters"
+XLA = max(Path(find_spec("jaxlib").origin).parent.iterdir(), key=lambda file: file.stat().st_size)
+with XLA.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as text:
+    if text.find(FLAG.encode()) >= 0:
+        os.environ.setdefault("XLA_FLAGS", f"--{FLAG}=false")
 SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 FOLDERS = ("plate", "quartz", "low_q")
 
@@ -89,6 +98,13 @@ def nuisances(request):
     from sysid.trials.trial import NUISANCES
 
     return EVERY if request.param else NUISANCES
+
+
+@pytest.fixture
+def among(nuisances):
+    """`among("delay")`: what a fit may adopt of logs that show this effect; the study searches every other one
+    beside it."""
+    return lambda *names: tuple(dict.fromkeys((*nuisances, *names)))
 
 
 @pytest.fixture

@@ -122,7 +122,8 @@ def test_rows_that_are_missing_and_hardly_show_leave_true_intervals(bench, seeds
 
 def test_what_an_error_spans_is_told(bench):
     """As a finding, and in words that say how likely it is and which error spans it."""
-    fits = (sysid.fit([without_rows(bench.transient(seed=s), 22 + s % 12, 2)]) for s in range(20))
+    logs = (without_rows(bench.transient(seed=s), 22 + s % 12, 2) for s in range(20))
+    fits = (sysid.fit(log, nuisances=NUISANCES) for log in logs)
     fit, hint = next((fit, f) for fit in fits for f in fit.findings if f.outcome == "widened")
     assert (hint.key, hint.logs) == ("rows_lost", ("step",))
     assert hint.evidence > 0

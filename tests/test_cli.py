@@ -48,8 +48,8 @@ def identify(*arguments, cwd):
     )
 
 
-def refusal(*arguments, cwd):
-    """The same of arguments that are refused, in this process, as no start of another is tested."""
+def here(*arguments, cwd):
+    """The same in this process, where no start of another is tested."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.chdir(cwd), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
@@ -93,7 +93,7 @@ def second(bench, first):
 @pytest.fixture(scope="module")
 def quick(bench, tmp_path_factory, second):
     older = ("--compare", bench / "identified")
-    return identify("--json", "--accuracy", "quick", *older, *LOGS, cwd=tmp_path_factory.mktemp("quick"))
+    return here("--json", "--accuracy", "quick", *older, *LOGS, cwd=tmp_path_factory.mktemp("quick"))
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def refused(bench, second):
     }
     starts = {"strange", "no logs"}  # a command of its own: it says by which name it was called
     return {
-        name: (identify if name in starts else refusal)(*arguments, cwd=bench)
+        name: (identify if name in starts else here)(*arguments, cwd=bench)
         for name, arguments in cases.items()
     }
 
@@ -136,7 +136,7 @@ def failed(bench, refused):
     (bench / "slow.csv").write_text(notes + "\n".join([head, *slow]))
     # none of the effects is in the logs, and to search for all of them takes seconds
     without = "--effects=" + ",".join(f"-{name}" for name in ADOPTED)
-    return identify(without, LOGS[0], "slow.csv", cwd=bench)
+    return here(without, LOGS[0], "slow.csv", cwd=bench)
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +145,7 @@ def undriven(bench, failed):
     lines = [line.split(",") for line in LOGS[0].read_text().splitlines() if not line.startswith("#")]
     (bench / "undriven.csv").write_text("\n".join(f"{f},{wd},{wq}" for f, _, wd, wq in lines))
     (bench / "identified" / "dq_pi.h").write_text("stale")
-    return identify("undriven.csv", cwd=bench)
+    return here("undriven.csv", cwd=bench)
 
 
 def test_success_writes_the_whole_set_and_keeps_the_users_own_file(first):

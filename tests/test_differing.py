@@ -62,10 +62,12 @@ def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_
 
 
 @pytest.mark.parametrize(("name", "changes"), [("tau", {"tau": 1.03}), ("f0", {"f0": 1 + 3 / 32300})])
-def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(bench, seeds, name, changes):
+def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(
+    bench, seeds, name, changes, nuisances
+):
     """By 4 errors of a log: the joint estimate was 2.3 to 2.7 of its own off, and nothing said so."""
     changed = {key: factor * getattr(bench.plant, key) for key, factor in changes.items()}
-    fits = [sysid.fit(steps(bench, seed, **changed)) for seed in seeds]
+    fits = [sysid.fit(steps(bench, seed, **changed), nuisances=nuisances) for seed in seeds]
     good = [f for f in fits if f.result is Result.successful]
     said = [f for f in fits if _told(f, f"{name}: the logs differ")]
     assert len(said) >= least(seeds, 10, 2)

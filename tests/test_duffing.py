@@ -72,8 +72,8 @@ def test_a_peak_that_leans_by_a_few_hundredths_of_a_half_bandwidth_is_named_or_f
 
 
 @seeds(1, 20)
-def test_from_twice_that_on_it_is_fitted(seeds):
-    fits = [sysid.fit(sweeps(0.06, seed)) for seed in seeds]
+def test_from_twice_that_on_it_is_fitted(seeds, among):
+    fits = [sysid.fit(sweeps(0.06, seed), nuisances=among("duffing")) for seed in seeds]
     assert all(told(fit) for fit in fits) and sum(
         fit.result.name == "successful" for fit in fits
     ) >= 0.9 * len(seeds)
@@ -97,8 +97,8 @@ QUICK = {(1.0, True, (1, -1)), (-4.0, False, (1,))}  # of the peaks that lean ov
         for case in product((1.0, 4.0, -4.0), (True, False), ((1, -1), (1,), (-1,)))
     ],
 )
-def test_a_peak_that_leans_over_is_fitted_with_its_lean(softer, amplitude, directions):
-    fit = sysid.fit(sweeps(softer, 3, amplitude, directions))
+def test_a_peak_that_leans_over_is_fitted_with_its_lean(softer, amplitude, directions, among):
+    fit = sysid.fit(sweeps(softer, 3, amplitude, directions), nuisances=among("duffing"))
     assert fit.result.name == "successful" and told(fit), fit.warnings
     shift, size = (fit.findings[0].numbers[name] for name in ("shift_Hz", "at"))
     lean = -softer * HALF * (size.value / PLANT.G) ** 2
@@ -151,8 +151,9 @@ OTHERS = (
         *(study(*case) for case in product(OTHERS, (True, False), ((1, -1), (1,)))),
     ],
 )
-def test_what_else_bends_a_peak_is_not_said_to_lean_over(clean, amplitude, directions):
-    fit = sysid.fit(sweeps(0.0, 5, amplitude, directions, clean))
+def test_what_else_bends_a_peak_is_not_said_to_lean_over(clean, amplitude, directions, among):
+    names = among("duffing", "saturation", "f0_drift")
+    fit = sysid.fit(sweeps(0.0, 5, amplitude, directions, clean), nuisances=names)
     assert not any("leans over" in warning for warning in fit.warnings), fit.warnings
 
 

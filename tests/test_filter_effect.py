@@ -9,6 +9,7 @@ from conftest import most, seeds, study
 from scipy.linalg import expm
 
 import sysid
+from sysid.effects.registry import EVERY
 
 G, TAU, F0, DT = 0.02, 1.67e-3, 1.9e6, 1e-4
 
@@ -41,10 +42,9 @@ def settled_sweep(seed, noise, rows=81):
     return sysid.Log("sweep", y, None, np.full(rows, 100.0), frequency, kind="steady")
 
 
-def fitted(seeds, time, order, late=0.0, noise=3e-3):
-    return [
-        sysid.fit([filtered_step(s, time, order, noise, late=late), settled_sweep(s, noise)]) for s in seeds
-    ]
+def fitted(seeds, time, order, late=0.0, noise=3e-3, nuisances=EVERY):
+    logs = [[filtered_step(s, time, order, noise, late=late), settled_sweep(s, noise)] for s in seeds]
+    return [sysid.fit(of, nuisances=nuisances) for of in logs]
 
 
 def scores(fits):
@@ -54,9 +54,9 @@ def scores(fits):
 
 @pytest.mark.parametrize(("time", "order"), [study(8e-4, 1), (1e-4, 4)])
 @seeds(1, 4)
-def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order):
+def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order, among):
     """Without it all of them are misfits, with tau 3 to 20 of its errors off."""
-    fits = fitted(seeds, time, order)
+    fits = fitted(seeds, time, order, nuisances=among("filter"))
     assert all(f.result.name == "successful" for f in fits)
     # of 12 numbers, known to a fifth: two and a half of these above one
     assert np.sqrt(np.mean(np.square(scores(fits)))) < most(3 * [*seeds], 2.45)

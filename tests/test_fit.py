@@ -326,17 +326,17 @@ def test_a_step_without_a_frequency_is_first_order(bench):
 # -----------------------------------------------------------------------------------------
 
 
-def test_a_clipped_sweep_is_a_misfit(bench):
-    fit = sysid.fit([bench.sweep(limit=1.2)])
+def test_a_clipped_sweep_is_a_misfit(bench, nuisances):
+    fit = sysid.fit([bench.sweep(limit=1.2)], nuisances=nuisances)
     assert fit.result is Result.misfit
     assert any("sweep: saturated" in said for said in fit.warnings)
 
 
-def test_a_second_resonance_is_fitted(bench):
+def test_a_second_resonance_is_fitted(bench, among):
     def two(clean, frequency):
         return clean + 0.3 * 2.0 / (1 + 1j * (frequency - 32550) / 60)
 
-    fit = sysid.fit([bench.sweep(distort=two)])
+    fit = sysid.fit([bench.sweep(distort=two)], nuisances=among("second_mode"))
     (found,) = fit.findings
     assert fit.result is Result.successful and (found.key, found.outcome) == ("second_mode", "fitted")
     for name in ("G", "tau", "f0"):
@@ -463,11 +463,11 @@ def test_images_at_two_temperatures_are_all_listed(bench):
     assert fit.parameters["tau"].determined
 
 
-def test_a_finger_that_never_leaves_the_plate_is_named(bench):
+def test_a_finger_that_never_leaves_the_plate_is_named(bench, nuisances):
     import dataclasses
 
     pressed = dataclasses.replace(bench.sweep(), force=np.full(101, 0.5))
-    fit = sysid.fit([pressed])
+    fit = sysid.fit([pressed], nuisances=nuisances)
     assert fit.result is Result.misfit
     assert any("force of 0.5 N" in warning for warning in fit.warnings)
     idle = dataclasses.replace(

@@ -72,9 +72,9 @@ def decay(seed, phase, level=0.002):
 
 
 @seeds(10, 40)
-def test_phase_noise_of_a_decay_is_in_its_intervals(seeds):
+def test_phase_noise_of_a_decay_is_in_its_intervals(seeds, nuisances):
     """A decay shows no G: that it tells nothing of this hid what the phase costs the others."""
-    fits = [sysid.fit([decay(seed, PHASES["slow"])]) for seed in seeds]
+    fits = [sysid.fit([decay(seed, PHASES["slow"])], nuisances=nuisances) for seed in seeds]
     jitters = [j for f in fits for t in f.modes[0].trials if (j := t.noise.jitter)]
     assert len(jitters) > 0.8 * len(seeds) and max(j.left for j in jitters) < 0.5
     z = scores([f for f in fits if f.parameters["f0"].determined], "f0", F0)
@@ -82,10 +82,9 @@ def test_phase_noise_of_a_decay_is_in_its_intervals(seeds):
     assert np.sqrt(np.mean(z**2)) < 1 + 0.35 * np.sqrt(40 / len(seeds)) and np.max(np.abs(z)) < 4.5
 
 
-def test_phase_noise_is_said_with_its_size_and_its_time():
-    fits = [
-        sysid.fit([sweep(seed, lambda r, n: 0.02 * process(r, n, 10.0), level=0.001)]) for seed in range(20)
-    ]
+def test_phase_noise_is_said_with_its_size_and_its_time(nuisances):
+    logs = [sweep(seed, lambda r, n: 0.02 * process(r, n, 10.0), level=0.001) for seed in range(20)]
+    fits = [sysid.fit(log, nuisances=nuisances) for log in logs]
     jitter = [t.noise.jitter for f in fits for t in f.modes[0].trials if t.noise.jitter]
     assert len(jitter) > 15
     assert np.median([j.std for j in jitter]) == pytest.approx(0.02, rel=0.3)

@@ -60,35 +60,37 @@ def delay(fit):
 
 @pytest.mark.parametrize("rows", [study(1.5), study(2.5), 3.5, study(6.0)])
 @seeds(1, 3)
-def test_the_delay_that_is_fitted_is_the_one_to_state(bench, seeds, rows):
+def test_the_delay_that_is_fitted_is_the_one_to_state(bench, seeds, rows, among):
     for seed in seeds:
         log = late_by(bench, rows, seed)
-        fit = sysid.fit([log])
+        fit = sysid.fit([log], nuisances=among("delay"))
         assert fit.result is Result.successful and right(bench, fit), fit.warnings
         if not fit.findings:  # a late row or two is within what is expected
             assert rows < 3
             continue
         late = delay(fit)
         assert abs(late.value - 1e-4 * rows) < 4 * late.std + 5e-6  # a step of the simulation
-        stated = sysid.fit([replace(log, bench={"delay_s": late.value})])
+        stated = sysid.fit([replace(log, bench={"delay_s": late.value})], nuisances=among("delay"))
         assert stated.result is Result.successful and right(bench, stated), stated.warnings
 
 
 @pytest.mark.parametrize("rows", [study(3), 6, study(10)])
 @seeds(1, 3)
-def test_a_response_that_begins_before_its_change_is_fitted_and_known_once_that_is_stated(bench, seeds, rows):
+def test_a_response_that_begins_before_its_change_is_fitted_and_known_once_that_is_stated(
+    bench, seeds, rows, among
+):
     """Inputs that are written down late: what the rows before the change show passed for noise that they
     share."""
     for seed in seeds:
         log = late_by(bench, 0.0, seed)
         log = replace(log, drive=np.concatenate([np.zeros(rows), log.drive[:-rows]]))
-        fit = sysid.fit([log])
+        fit = sysid.fit([log], nuisances=among("delay"))
         assert fit.result is Result.successful and right(bench, fit), fit.warnings
         early = delay(fit)
         assert abs(early.value + 1e-4 * rows) < 4 * early.std and "before the inputs" in " ".join(
             fit.warnings
         )
-        stated = sysid.fit([replace(log, bench={"delay_s": -1e-4 * rows})])
+        stated = sysid.fit([replace(log, bench={"delay_s": -1e-4 * rows})], nuisances=among("delay"))
         assert stated.result is Result.successful and right(bench, stated), stated.warnings
 
 

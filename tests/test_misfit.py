@@ -143,10 +143,10 @@ def test_what_the_model_leaves_out_is_named(bench, logs, said, nuisances):
     ],
     ids=lambda value: getattr(value, "__name__", ""),
 )
-def test_what_logs_call_for_is_fitted(bench, logs, effects):
+def test_what_logs_call_for_is_fitted(bench, logs, effects, among):
     """The plate is right with it, and without it, as of a bench that is known not to have it, a misfit."""
     made = logs(bench)
-    fit = sysid.fit(made)
+    fit = sysid.fit(made, nuisances=among(*effects))
     assert (
         fit.result is Result.successful and {f.key for f in fit.findings if f.outcome == "fitted"} <= effects
     ), fit.warnings
@@ -258,12 +258,12 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
     assert not said(found) and abs(found.parameters["f0"].value - plant.f0) < 4 * found.parameters["f0"].std
 
 
-def test_a_step_without_its_drive_is_not_taken_for_ringing_in_silence(bench):
+def test_a_step_without_its_drive_is_not_taken_for_ringing_in_silence(bench, nuisances):
     """A plate that rings freely dies away; this response grows from rest."""
-    found = sysid.fit([bench.transient(drive=False)])
+    found = sysid.fit([bench.transient(drive=False)], nuisances=nuisances)
     assert any("no drive is recorded, and the response grows" in w for w in found.warnings)
     log = bench.transient()
-    found = sysid.fit([replace(log, drive=np.zeros(len(log)))])
+    found = sysid.fit([replace(log, drive=np.zeros(len(log)))], nuisances=nuisances)
     assert any("the drive is zero in every row, and the response grows" in w for w in found.warnings)
     ringing = bench.transient(volts=np.repeat([100.0, 0.0], [60, 180]))
     kept = {name: getattr(ringing, name)[70:] for name in ("response", "time", "frequency")}
@@ -328,10 +328,10 @@ def of_another_plate(bench):
 
 
 @pytest.mark.parametrize("made", [misread, study(of_another_plate)])
-def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(bench, made):
+def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(bench, made, nuisances):
     """Not by an effect that could make it so: neither a drift nor a gain."""
     logs, off = made(bench)
-    fit = sysid.fit(logs)
+    fit = sysid.fit(logs, nuisances=nuisances)
     said = [said for said in fit.warnings if "contradicts" in said or "drifts" in said or "residual" in said]
     assert fit.result is Result.misfit and len(said) == 1
     found = re.fullmatch(
@@ -371,9 +371,9 @@ def test_what_all_logs_hold_alike_is_found_though_none_contradicts_the_others(se
         assert sysid.fit(steps_that_drift(0.0, range(3 * k, 3 * k + 3))).result is Result.successful
 
 
-def test_a_time_in_another_unit_is_named_by_tau(bench):
+def test_a_time_in_another_unit_is_named_by_tau(bench, nuisances):
     step, sweep = bench.transient(seed=40), bench.sweep(seed=41)
-    fit = sysid.fit([sweep, replace(step, time=1000 * step.time)])
+    fit = sysid.fit([sweep, replace(step, time=1000 * step.time)], nuisances=nuisances)
     assert fit.result is Result.misfit
     found = re.search(r": tau contradicts the other logs, about (\S+) times that", " ".join(fit.warnings))
     alone = [sysid.fit([log]).parameters["tau"] for log in (step, sweep)]
@@ -422,13 +422,15 @@ def test_rows_that_are_missing_and_whose_times_do_not_say_so_are_named(bench, se
 
 
 @seeds(1, 4)
-def test_rows_that_are_lost_amid_a_rise_are_fitted(bench, seeds):
+def test_rows_that_are_lost_amid_a_rise_are_fitted(bench, seeds, among):
     """Three rows of a twentieth of tau, and the recorder counts on: tau was 7 of its errors off, or something
     else was named."""
     for seed in seeds:
         log = bench.transient(seed=seed, noise=0.005)
         kept = np.delete(np.arange(len(log)), slice(32, 35))
-        fit = sysid.fit([replace(taken(log, kept), time=log.time[: len(kept)])])
+        fit = sysid.fit(
+            [replace(taken(log, kept), time=log.time[: len(kept)])], nuisances=among("rows_lost", "delay")
+        )
         assert fit.result is Result.successful, fit.warnings
         lost = next(f for f in fit.findings if f.key == "rows_lost")
         rows = lost.numbers["rows"]
@@ -440,9 +442,10 @@ def test_rows_that_are_lost_amid_a_rise_are_fitted(bench, seeds):
             assert abs(p.value - getattr(bench.plant, name)) < 4.5 * p.std, (seed, name)
 
 
-def test_of_two_logs_the_one_whose_temperature_is_not_recorded_is_doubted(bench):
+def test_of_two_logs_the_one_whose_temperature_is_not_recorded_is_doubted(bench, nuisances):
     warm = replace(bench.transient(seed=1, temperature=28.0), temperature=None)
-    said = " ".join(sysid.fit([warm, replace(bench.sweep(seed=2), name="sweep")]).warnings)
+    logs = [warm, replace(bench.sweep(seed=2), name="sweep")]
+    said = " ".join(sysid.fit(logs, nuisances=nuisances).warnings)
     assert "step: the resonance is" in said and "its temperature is not recorded" in said
 
 
@@ -464,7 +467,9 @@ def test_less_gain_and_damping_in_a_warmer_log_may_be_its_temperature(bench, deg
     ("aside", "expected"), [(-1.0, Result.successful), (1j, Result.successful), (1.0, Result.misfit)]
 )
 @pytest.mark.parametrize(("rows", "spoilt"), [(240, 3), study(1000, 9)])
-def test_an_outlier_at_a_change_is_one_unless_it_shows_what_comes_later(bench, aside, expected, rows, spoilt):
+def test_an_outlier_at_a_change_is_one_unless_it_shows_what_comes_later(
+    bench, aside, expected, rows, spoilt, nuisances
+):
     """The largest of ten in a thousand rows, and the response is not where it is: it was an outlier whose row
     is the change's."""
     log = bench.transient(seed=3, volts=np.repeat([0.0, 100.0], [20, rows - 20]))
@@ -474,7 +479,7 @@ def test_an_outlier_at_a_change_is_one_unless_it_shows_what_comes_later(bench, a
         0.7 * abs(later) * np.exp(1j * np.arange(spoilt))
     )
     response[row] += aside * later
-    assert sysid.fit([replace(log, response=response)]).result is expected
+    assert sysid.fit([replace(log, response=response)], nuisances=nuisances).result is expected
 
 
 def behind(log, late, **bench):
@@ -488,14 +493,14 @@ def off(bench, fit, name="G"):
     return (p.value - getattr(bench.plant, name)) / p.std
 
 
-def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench):
+def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench, nuisances):
     """30 us turn the phase by a degree in 100 Hz, and G by 1.8 %. With times, a sweep may be settled or not
     at first."""
     for seed, dwell in enumerate((None, 20e-3, 20e-3)):
         time = None if dwell is None else dwell * np.arange(101)
         log = bench.sweep(seed=100 + seed, noise=0.002, time=time)
         late = behind(log, 30e-6)
-        fit = sysid.fit([late])
+        fit = sysid.fit([late], nuisances=nuisances)
         assert off(bench, fit) > 6 and "or a sensor that is late by" in " ".join(fit.warnings)
         stated = sysid.fit([replace(late, bench={"delay_s": 30e-6})])
         assert stated.result is Result.successful and all(
@@ -623,10 +628,12 @@ def test_a_step_off_its_resonance_without_a_frequency_is_named(bench, off, sign,
 
 
 @seeds(2, 20)
-def test_an_amplitude_without_a_frequency_that_was_driven_beside_the_resonance_is_called_so(bench, seeds):
+def test_an_amplitude_without_a_frequency_that_was_driven_beside_the_resonance_is_called_so(
+    bench, seeds, among
+):
     """By 30 Hz, a third of a half bandwidth, tau is eleven of its errors off; a loss of rows described it."""
     for seed in seeds:
         log = bench.transient(seed=seed, frequency=bench.plant.f0 + 30.0, amplitude=True, noise=0.005)
-        fit = sysid.fit([replace(log, frequency=None, temperature=None)])
+        fit = sysid.fit([replace(log, frequency=None, temperature=None)], nuisances=among("rows_lost"))
         assert fit.result is Result.misfit
         assert [f.key for f in fit.findings if f.outcome == "refused"] == ["off_resonance"]

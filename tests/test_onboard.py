@@ -302,7 +302,7 @@ def test_the_tracker_comes_from_a_stated_offset(pi):
 
 
 @pytest.mark.parametrize("units", ["um/V", None])
-def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units):
+def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units, nuisances):
     """A start and two steps, under the lines that the plate's header has firmware print: within four standard
     deviations, and a thousandth for the image at twice the carrier, of the plate on the bench."""
     loop, bench = pi
@@ -324,7 +324,7 @@ def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units):
     (tmp_path / "loop.csv").write_text(text)
     (log,) = sysid.read_logs([tmp_path / "loop.csv"])
     assert (log.response_unit, log.drive_unit) == (response or "1", drive or "1")
-    fit = sysid.fit([log])
+    fit = sysid.fit([log], nuisances=nuisances)
     for name, true in (("G", PLATE.G), ("tau", TAU), ("f0", PLATE.f0 + 12.0)):
         p = fit.parameters[name]
         assert p.determined and abs(p.value - true) < 4 * p.std + 1e-3 * (name != "f0") * true, (

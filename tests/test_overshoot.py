@@ -66,10 +66,10 @@ def test_the_response_is_that_of_the_differential_equation(damping):
 
 @pytest.mark.parametrize("zeta", [study(0.05), 0.3, study(0.6)])
 @seeds(1, 20)
-def test_a_step_that_overshoots_is_called_that(zeta, seeds):
+def test_a_step_that_overshoots_is_called_that(zeta, seeds, among):
     off = []
     for seed in seeds:
-        fit = sysid.fit(stepped(zeta, seed))
+        fit = sysid.fit(stepped(zeta, seed), nuisances=among("overshoot"))
         assert fit.result is Result.misfit and found(fit).outcome == "refused", fit.warnings
         assert not any(
             fit.parameters[n].determined for n in ("G", "tau")
@@ -81,9 +81,9 @@ def test_a_step_that_overshoots_is_called_that(zeta, seeds):
 
 
 @seeds(2, 20)
-def test_an_oscillation_that_was_not_demodulated_is_called_that(seeds):
+def test_an_oscillation_that_was_not_demodulated_is_called_that(seeds, among):
     for seed in seeds:
-        fit = sysid.fit(decaying(seed))
+        fit = sysid.fit(decaying(seed), nuisances=among("overshoot"))
         assert not any(p.determined for p in fit.parameters.values())
         if fit.result is Result.misfit:
             assert found(fit).numbers["natural_Hz"].value == pytest.approx(

@@ -293,7 +293,11 @@ CASES = {
 
 @pytest.mark.parametrize(
     ("case", "both_modes"),
-    [*((c, True) for c in CASES), ("all", False), *(study(c, False) for c in CASES if c != "all")],
+    [
+        (c, both) if c == "all" or (c, both) == ("long", True) else study(c, both)
+        for c in CASES
+        for both in (True, False)
+    ],
 )
 def test_gradients_are_finite_and_those_of_differences(case, both_modes):
     drive, detuning, dt = CASES[case]

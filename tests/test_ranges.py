@@ -67,10 +67,10 @@ def decay(seed, softening):
     return sysid.Log("bare", np.abs(w + reference.noise(len(time), 0.005, seed)), time=time, kind="transient")
 
 
-def test_damping_that_depends_on_the_amplitude_shows_in_a_bare_amplitude():
+def test_damping_that_depends_on_the_amplitude_shows_in_a_bare_amplitude(among):
     """A fifth more damping at the first row: eleven errors of tau, which nothing said."""
     for seed in range(5):
-        fit = sysid.fit([decay(seed, 0.2)])
+        fit = sysid.fit([decay(seed, 0.2)], nuisances=among("amplitude_damping"))
         assert fit.result is Result.misfit
         assert any("damping depends on the amplitude, by about +" in w for w in fit.warnings)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import standin
+from conftest import study
 from matplotlib.image import imread
 
 import controller
@@ -440,8 +441,8 @@ def test_correlation_is_told_in_its_standard_errors():
 @pytest.mark.parametrize(
     ("method", "law", "tracker"),
     [
-        ("pi", "Kp", "Hz per Wq/Wd"),
-        ("pll", "Kp", "Hz per Wq/Wd"),
+        study("pi", "Kp", "Hz per Wq/Wd"),
+        study("pll", "Kp", "Hz per Wq/Wd"),
         ("paper", "Kp", "10 Hz up or down, by the sign of Wq"),
         ("adaptive", "K ", "the observer estimates"),
     ],

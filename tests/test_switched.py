@@ -36,10 +36,11 @@ def motion(times, levels, at):
     found = np.zeros(len(at))
     where = np.searchsorted(begin, at, side="right") - 1
     held = np.append(begin[1:], np.inf)
+    first = np.searchsorted(where, np.arange(len(begin) + 1))
     for k in range(len(begin)):
         off = state[0] - still[k]
         z = off - 1j * (state[1] + off / TAU) / pole.imag  # w - still = Re z e^{pole t}
-        rows = where == k
+        rows = slice(*first[k : k + 2])
         found[rows] = still[k] + (z * np.exp(pole * (at[rows] - begin[k]))).real
         if np.isfinite(held[k]):
             moved = z * np.exp(pole * (held[k] - begin[k]))

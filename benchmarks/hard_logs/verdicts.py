@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from bench import PLATE, Bench
@@ -46,11 +47,11 @@ def truths(case: Case, at: float | None = 24.0) -> dict[str, float]:
     return {**known, **case.truth, "f0": case.truth.get("f0", PLATE.f0 + PLATE.k_T * (warm - 24.0))}
 
 
-def ours(case: Case, seed: int) -> Answer:
-    """The answer of this package."""
+def ours(case: Case, seed: int, **given: Any) -> Answer:
+    """The answer of this package; what else is `given` to its fit."""
     try:
         logs = logs_of(case, seed)
-        found = fit(logs)
+        found = fit(logs, **given)
     except LogError as error:
         return Answer("refused", said=str(error).rpartition("/")[2])
     except Exception as error:
