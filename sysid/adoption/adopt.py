@@ -15,6 +15,7 @@ full and explains nothing is refuted: the first order's name for it is no cause.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
@@ -64,8 +65,9 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
         left = misfits(best.state, minimiser.reference, minimiser.free, None)
         wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
-            rough = any(x.effect.rough for x in best.instances)
-            return Outcome(None, best, adoption.refuted(best), True) if rough else Outcome(best)
+            if any(x.effect.rough for x in best.instances) or _entangled(best):
+                return Outcome(None, best, adoption.refuted(best), True)
+            return Outcome(best)
         if before is None and ahead and adoption.cause(best) and not _mistaken(best, left.found):
             named = best
         if not best.explains(state, 1 - TAKEN):
@@ -140,7 +142,7 @@ def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
     each: list[Instance] = []
     for effect in (e for e in EFFECTS if e.name in names):
         here = tuple(i for i, t in enumerate(trials) if t.noise.rounded is None and effect.shows(t))
-        if effect.scope != "plate":
+        if effect.scope != "plate" and len(trials) > effect.relative:
             each += [Instance(effect, (i,)) for i in here]
         if effect.scope == "plate" and here:
             each.append(Instance(effect, here))
@@ -154,6 +156,13 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     every = set(range(len(state.trials)))
     shown = [every if f.log is None else {f.log} for f in found if f.certain]
     return {i for i in every if not state.trials[i].silent and left_of(state, i)}.union(*shown)
+
+
+def _entangled(best: Description) -> bool:
+    """Whether two effects of different kinds are in one log: they may make up for a third that is none of
+    them."""
+    each = [(x.effect.name, i) for x in best.instances for i in x.where]
+    return any(i == k and name != other for (name, i), (other, k) in combinations(each, 2))
 
 
 def _mistaken(best: Description, left: Sequence[Found]) -> bool:
@@ -188,7 +197,7 @@ def groups(each: Sequence[Instance], wrong: set[int]) -> list[Group]:
         if len(x.where) == 1 and x.effect.scope != "plate" and not x.effect.many:
             alike.setdefault(x.effect, []).append(x)
     several = [tuple(y for y in xs if y.where[0] in wrong) for xs in alike.values()]
-    several = [x for x in several if len(x) > 1]
+    several = [x[x[0].effect.relative :] for x in several if len(x) > 1]
     for_all = {x[0].effect for x in several if len(x) > MOST}
     return [*((x,) for x in each if len(x.where) > 1 or x.effect not in for_all), *several]
 

@@ -1,5 +1,5 @@
-"""What drifts while a log is recorded: the resonance with the time or by the plate's own heat, a thermometer
-behind its plate, an output offset."""
+"""What drifts while a log is recorded, or from one to the next: the resonance with the time or by the plate's
+own heat, a thermometer behind its plate, an output offset, the phase of a demodulator."""
 
 import numpy as np
 
@@ -11,12 +11,15 @@ from sysid.effects.effect import (
     beside,
     lasted,
     moving,
+    nowhere,
     shares,
     shifted,
     size,
     sweep,
+    undone,
 )
 from sysid.effects.number import Number, number
+from sysid.rows.thermometer import was_read
 from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.trial import LEAST_WARMING, Trial
 
@@ -27,6 +30,8 @@ HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of"
     " one direction, and would move {{}}; sweep back as well, or record the temperature of every row"
 )
+TURNED = 0.5  # rad
+WARMED = 4.0  # half bandwidths: of a plate at some other temperature
 CREPT = 0.5  # of the largest response
 
 
@@ -172,4 +177,60 @@ OFFSET_DRIFT = Effect(
     numbers=shares,
     said=_crept_said,
     linear=(0, 1),
+)
+
+
+def _turning(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    return undone(
+        trial, lambda log: log.response * np.exp(-1j * values[0] * (clock(log) - np.mean(clock(log))))
+    )
+
+
+def _turning_said(trial: Trial, found: dict[str, Number]) -> Told:
+    turn = found["turn_deg"]
+    return Told(
+        f"its phase turns by {turn.value:+.3g} ± {turn.std:.1g} degrees from the first row to the last",
+        "lock the demodulator to the source of the drive, or record faster",
+    )
+
+
+PHASE_DRIFT = Effect(
+    name="phase_drift",
+    shows=lambda trial: np.iscomplexobj(trial.log.response) and len(trial.log) >= LEAST_ROWS,
+    stds=lambda trial, about: np.array([TURNED]),
+    starts=lambda trial, about: np.array([[-TURNED], [0.0], [TURNED]]),
+    applied=_turning,
+    numbers=lambda trial, values, stds, about: {
+        "turn_deg": number(values[0], stds[0], "deg", np.degrees(1.0))
+    },
+    said=_turning_said,
+)
+
+
+def _elsewhere(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    hertz = values[0] * about.half_bandwidth
+    return shifted(trial, "frequency", np.full(len(trial.log), -hertz))
+
+
+def _elsewhere_said(trial: Trial, found: dict[str, Number]) -> Told:
+    off = found["off_Hz"]
+    return Told(
+        f"its resonance is {off.value:+.4g} ± {off.std:.1g} Hz off that of the other logs, and its"
+        " temperature is not recorded",
+        "record it: f0 is that of the logs of which this is not said",
+    )
+
+
+OWN_RESONANCE = Effect(
+    name="resonance",
+    shows=lambda trial: trial.resonant and not was_read(trial.log),
+    stds=lambda trial, about: np.array([WARMED]),
+    starts=lambda trial, about: np.array([[-2.0], [-0.5], [0.5], [2.0]]),
+    applied=_elsewhere,
+    numbers=lambda trial, values, stds, about: {
+        "off_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth)
+    },
+    said=_elsewhere_said,
+    relative=True,
+    places=nowhere,  # `between` shows it
 )

@@ -73,7 +73,8 @@ class Effect:
     zero, by which logs show it to first order, beside others at each of its `places` (m, d); where none is,
     all that it does at a place. `known_as`: what else shows it to first order (`verdict.terms`); with neither
     it has to be tried. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
-    and of what that moves, where it may be there and hide. `makes_sense`: whether numbers and their standard
+    and of what that moves, where it may be there and hide. `relative`: it is what a log is
+    beside others, and not what all are. `makes_sense`: whether numbers and their standard
     deviations are those of the effect; unless stated, whether one that is linear is seen at all."""
 
     name: str
@@ -94,6 +95,7 @@ class Effect:
     known_as: Sequence[str] = ()
     expected: bool = False
     unseen: Callable[[Trial, About], str] = lambda trial, about: ""
+    relative: bool = False
     makes_sense: Callable[[np.ndarray, np.ndarray], bool] | None = None
 
     def seen(self, values: np.ndarray, stds: np.ndarray) -> bool:

@@ -2,7 +2,14 @@
 
 from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SECOND_POLE, SLOPE
 from sysid.effects.clock import DELAY, DWELL, FILTERS, PHASE_DELAY, ROWS_LOST
-from sysid.effects.drift import F0_DRIFT, OFFSET_DRIFT, SELF_HEATING, THERMOMETER_LAG
+from sysid.effects.drift import (
+    F0_DRIFT,
+    OFFSET_DRIFT,
+    OWN_RESONANCE,
+    PHASE_DRIFT,
+    SELF_HEATING,
+    THERMOMETER_LAG,
+)
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
 from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT
@@ -12,6 +19,7 @@ from sysid.trials.trial import NUISANCES
 EFFECTS: tuple[Effect, ...] = (
     *SATURATIONS,
     IMAGE,
+    PHASE_DRIFT,
     AC_COUPLING,
     *ROWS_LOST,
     DELAY,
@@ -26,6 +34,7 @@ EFFECTS: tuple[Effect, ...] = (
     COMPRESSED,
     F0_DRIFT,
     SELF_HEATING,
+    OWN_RESONANCE,
     SECOND_MODE,
     SECOND_POLE,
     FEEDTHROUGH,

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.logs.log import Log
 from sysid.rows.rounding import shared
 
 FEW = 8  # readings, of which no noise is told
@@ -216,3 +217,8 @@ def _walk(y: np.ndarray, line: np.ndarray, stiff: np.ndarray, walks: np.ndarray)
         line + beside,
         (2 + np.sum(kept)) / len(y),
     )
+
+
+def was_read(log: Log) -> bool:
+    """Whether its temperature is its own, not that of the other logs (`reading.trials`)."""
+    return log.temperature is not None and "temperature_std_degC" in log.bench

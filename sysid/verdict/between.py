@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from sysid.logs.log import Log
+from sysid.rows.thermometer import was_read
 from sysid.verdict.term import Term
 from sysid.verdict.view import View
 
@@ -60,11 +61,6 @@ def finger(name: str, warmer: float) -> Callable[[np.ndarray, np.ndarray], str |
         )
 
     return say
-
-
-def was_read(log: Log) -> bool:
-    """Whether its temperature is its own, not that of the other logs (`reading.trials`)."""
-    return log.temperature is not None and "temperature_std_degC" in log.bench
 
 
 def warmer(logs: Sequence[Log], i: int) -> float:

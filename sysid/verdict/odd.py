@@ -11,8 +11,9 @@ import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import carried
+from sysid.rows.thermometer import was_read
 from sysid.trials.trial import Trial
-from sysid.verdict.between import finger, own, times, unread, warmer, was_read
+from sysid.verdict.between import finger, own, times, unread, warmer
 from sysid.verdict.misfit import described
 from sysid.verdict.recorder import clipped, touched
 
