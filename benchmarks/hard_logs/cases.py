@@ -140,7 +140,7 @@ ROWS_ARE_SPOILT = {
     "baseline that jumps": Case(lambda b: [spoilt(b.step(), lambda y: y + 0.3 * (np.arange(ROWS) > 60))]),
     "hum": Case(lambda b: [spoilt(b.step(), lambda y: y + 0.1 * np.sin(np.arange(ROWS) / 6))]),
     "demodulator that turns": Case(
-        lambda b: [spoilt(b.step(), lambda y: y * np.exp(0.5j * np.linspace(0, 1, ROWS)))], "right or refused", "its phase turns"),
+        lambda b: [spoilt(b.step(), lambda y: y * np.exp(0.5j * np.linspace(0, 1, ROWS)))], "right or refused", "its phase turns|drifts|no known effect"),
     "phase that jumps": Case(
         lambda b: [spoilt(b.step(), lambda y: y * np.exp(1j * (np.arange(ROWS) > 60)))], "refused or open", "not noise|cannot tell"),
     "a cell without a number": Case(lambda b: through_csv(b.step(), renamed("100.0", "nan")), "refused", "'nan'"),

@@ -140,7 +140,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
         found = [turned, *found]
         wrong, doubts = _described(best, found, FINGER[0] in free)
-        return Judged(wrong, doubts, found, not turned.mostly, looked)
+        return Judged(wrong, doubts, found, looked=looked)
     between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
     gain = (
         likely[0].log if between and likely[0].name == "gain" else None
