@@ -62,13 +62,16 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
         best = adoption.best(before, here, count) if here else None
         if best is None:
             break
+        if (anew := adoption.search.stated(best)) is not None:
+            adoption.search, best = anew
         left = misfits(best.state, minimiser.reference, minimiser.free, None)
         wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
             if any(x.effect.rough for x in best.instances) or _entangled(best):
                 return Outcome(None, best, adoption.refuted(best), True)
             return Outcome(best)
-        if before is None and ahead and adoption.cause(best) and not _mistaken(best, left.found):
+        cause = adoption.cause(best) or not wrong
+        if before is None and ahead and cause and not _mistaken(best, left.found):
             named = best
         if not best.explains(state, 1 - TAKEN):
             break
@@ -82,7 +85,7 @@ class _Adoption:
     """What is known of effects that were tried beside what the first order `found`."""
 
     def __init__(self, search: Search, found: Sequence[Found]):
-        self.search, self.found = search, found
+        self.search, self.before, self.found = search, search.alone, found
         self.alone: list[Description] = []  # of effects by themselves
         self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
 
@@ -127,12 +130,12 @@ class _Adoption:
         """Whether it is what the plant alone leaves: next to nothing is left, or little of what nothing else
         explains."""
         known = any(f.explains for f in self.found)
-        return best.explains(self.search.alone) or (not known and best.most(self.search.alone))
+        return best.explains(self.before) or (not known and best.most(self.before))
 
     def refuted(self, named: Description | None) -> frozenset[tuple[str, int]]:
         """First order's names of effects that were tried by themselves and explain nothing."""
         told = [*self.alone, *([] if named is None else [named])]
-        able = {n for d in told if d.evidence > 0 and d.explains(self.search.alone) for n in d.names()}
+        able = {n for d in told if d.evidence > 0 and d.explains(self.before) for n in d.names()}
         return frozenset({n for d in self.alone for n in d.names()} - able)
 
 

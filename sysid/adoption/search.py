@@ -22,12 +22,13 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from sysid.adoption.description import Description, Group, Instance
 from sysid.effects.effect import About, plain
 from sysid.minimum.minimise import MOST, Minimiser, State
 from sysid.model.prior import NAMES
-from sysid.trials.trial import Trial, with_noise
+from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.verdict.linear import Linear
 from sysid.verdict.view import View
 
@@ -42,6 +43,8 @@ SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is take
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 APART = 0.05  # prior standard deviations, by which optima differ
 NEAR = 0.05  # standard deviations: a step that short ends the search
+LONG = 512  # rows, which tell the colour of a log's noise well enough
+NUGGET = 1e-6  # of the power of noise behind a filter: a recorder's own
 DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
 
 
@@ -69,9 +72,9 @@ class Looked(NamedTuple):
 class Search:
     """For the numbers of effects beside a minimum."""
 
-    def __init__(self, minimiser: Minimiser, state: State):
+    def __init__(self, minimiser: Minimiser, state: State, about: About | None = None):
         self.minimiser, self.alone = minimiser, state
-        self.about = About.of(state, minimiser.reference)
+        self.about = about or About.of(state, minimiser.reference)
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
 
     @cached_property
@@ -235,9 +238,51 @@ class Search:
         stds, parts = self.stds(point.instances), self.parts(point.instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
         evidence = self.base - point.cost + volume - len(point.instances) * np.log(count)
+        evidence += self.coloured(point)
         evidence = evidence if np.isfinite(evidence) else -np.inf
         found = Description(*point[:3], parts, covariance, dispersion, evidence, self.about, True)
         return found._replace(sense=self.makes_sense(found))
+
+    def coloured(self, point: Point) -> float:
+        """Log likelihood that it is worth that the noise of logs went through what is there, and has its
+        colour: of rows r (n,) with the correlation C, each at its best level,
+
+            n log(sum |r|^2/sum |L^-1 r|^2)/2 - log det L,    C = L L^T
+        """
+        gained = 0.0
+        for x, part in zip(point.instances, self.parts(point.instances), strict=True):
+            for i in x.where if x.effect.colour is not None else ():
+                trial, n = point.state.trials[i], min(len(point.state.trials[i].log), LONG)
+                left = trial.residual(trial.as_recorded(point.state.models[i]))[:n]
+                alike = x.effect.colour(point.numbers[part], self.about, trial.spacing * np.arange(n))
+                factor = cholesky(toeplitz(alike) + NUGGET * np.eye(n), lower=True)
+                rows = np.stack([left.real, left.imag], axis=1)
+                own = solve_triangular(factor, rows, lower=True)
+                ratio = float(np.sum(rows**2) / max(np.sum(own**2), 1e-300))
+                volume = trial.channels * float(np.sum(np.log(np.diag(factor))))
+                dof = freedom(trial) * n / len(trial.log)
+                gained += max(0.5 * dof * float(np.log(max(ratio, 1e-300))) - volume, 0.0)
+        return gained
+
+    def stated(self, found: Description) -> tuple["Search", Description] | None:
+        """The search and the description with the logs as they are read where their metadata state what was
+        found, as of noise behind a filter, of which neighbouring rows hold the same; None where it states
+        nothing."""
+        read = list(self.alone.trials)
+        for x, part in zip(found.instances, found.parts, strict=True):
+            if x.effect.stated is not None:
+                metadata = x.effect.stated(found.numbers[part], self.about)
+                for i in x.where:
+                    log, kind = read[i].log, read[i].kind
+                    told = replace(log, bench={**log.bench, **metadata})
+                    read[i] = Trial.of(told, kind, read[i].nuisances)
+        if all(len(t.log) == len(old.log) for t, old in zip(read, self.alone.trials, strict=True)):
+            return None
+        state = self.minimiser.refine(tuple(read), found.state.theta)
+        search = Search(self.minimiser, state, self.about)
+        point = search.followed(search.at(found.instances, found.numbers, state), STEPS)
+        anew = search.finished(search.ended(point, 1))
+        return search, anew._replace(evidence=found.evidence, nearly=found.nearly, rival=found.rival)
 
     def plausible(self, point: Point) -> bool:
         """Whether all numbers would be those of their effects if they were known exactly: two modes may have

@@ -3,6 +3,7 @@ was not waited for, a phase that falls along a sweep."""
 
 from dataclasses import replace
 from functools import lru_cache
+from math import factorial
 
 import numpy as np
 
@@ -82,6 +83,16 @@ def _filter(order: int) -> Effect:
         time = max(float(values[0]), LEAST) * about.tau / order
         return replace(_on_time(trial), filter=(time, order))
 
+    def stated(values: np.ndarray, about: About) -> dict[str, float]:
+        return {"lockin_tau_s": max(float(values[0]), LEAST) * about.tau / order, "lockin_order": order}
+
+    def colour(values: np.ndarray, about: About, apart: np.ndarray) -> np.ndarray:
+        """Of white noise behind p equal poles (Matern's of order p - 1/2; Rasmussen & Williams, Gaussian
+        Processes, 2006, 4.16)."""
+        x, p = apart / stated(values, about)["lockin_tau_s"], order - 1
+        each = ((factorial(p + i) / factorial(i) / factorial(p - i), p - i) for i in range(p + 1))
+        return np.exp(-x) * factorial(p) / factorial(2 * p) * sum(c * (2 * x) ** k for c, k in each)
+
     def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
         time = number(values[0], stds[0], "s", about.tau / order)
         return {"lockin_tau_s": time, "lockin_order": number(order, 0.0, "1")}
@@ -102,6 +113,8 @@ def _filter(order: int) -> Effect:
         scope="bench",
         places=nowhere,
         known_as=("late",),
+        stated=stated,
+        colour=colour,
         makes_sense=positive,
     )
 

@@ -73,8 +73,10 @@ class Effect:
     zero, by which logs show it to first order, beside others at each of its `places` (m, d); where none is,
     all that it does at a place. `known_as`: what else shows it to first order (`verdict.terms`); with neither
     it has to be tried. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
-    and of what that moves, where it may be there and hide. `relative`: it is what a log is
-    beside others, and not what all are. `makes_sense`: whether numbers and their standard
+    and of what that moves, where it may be there and hide. `stated`: what a log's metadata would have said of
+    it, by which rows are read in another way. `colour`: of noise that went through it, the correlation
+    of rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what
+    all are. `makes_sense`: whether numbers and their standard
     deviations are those of the effect; unless stated, whether one that is linear is seen at all."""
 
     name: str
@@ -95,7 +97,9 @@ class Effect:
     known_as: Sequence[str] = ()
     expected: bool = False
     unseen: Callable[[Trial, About], str] = lambda trial, about: ""
+    colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None
     relative: bool = False
+    stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
     makes_sense: Callable[[np.ndarray, np.ndarray], bool] | None = None
 
     def seen(self, values: np.ndarray, stds: np.ndarray) -> bool:
