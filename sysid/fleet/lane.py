@@ -210,11 +210,13 @@ def _judged(
         batch = fit_together(plates)
         lefts = [residual(log, batch.step) for log in batch.logs]
         seen, names = screened(batch, lefts, cells), [[log.name for log in logs] for _, logs in plates]
-        batch = spanned(batch, names)
+        alone, batch = batch, spanned(batch, names)
         lefts = [residual(log, batch.step) for log in batch.logs]
         added, said = dispersion(batch, names)
-        seen = seen.without(np.array([bool(each) for each in said]))
-        batch = widened(batch, added + seen.spans)
+        differ = np.array([bool(each) for each in said])
+        seen = seen.without(differ).closer(alone, cells).without(differ)
+        std = np.sqrt(np.einsum("pii->pi", alone.covariance))
+        batch = widened(batch, added + seen.spans * std[:, :, None] * std[:, None])
         return batch, lefts, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 
 

@@ -160,12 +160,15 @@ def vague(batch: Batch) -> np.ndarray:
 
 class Screened(NamedTuple):
     """Of each plate: why it goes to the full fit, "" where it need not, (P,); what effects that its logs
-    allow add to its covariance, (P, 3, 3), and what is said of these; and what is to be warned of."""
+    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; and what is to be warned
+    of. `rows` (P, R) and `phases` (P, logs), by which it was looked at."""
 
     why: np.ndarray
     spans: np.ndarray
     said: list[Finding | None]
     doubts: list[Finding | None]
+    rows: Rows = None
+    phases: Rows = None
 
     @classmethod
     def nothing(cls, batch: Batch) -> "Screened":
@@ -190,10 +193,16 @@ class Screened(NamedTuple):
         for p, finding in zip(here.tolist(), told, strict=True):
             self.said[p] = finding
 
-    def telling(self) -> list[int]:
-        """The plates of which something is to be said, and that stay."""
+    def closer(self, batch: Batch, cells: "Cells") -> "Screened":
+        """The same where those of which something is to be said are looked at as they are, not as plates that
+        are nearly alike."""
         each = zip(self.why.tolist(), self.said, self.doubts, strict=True)
-        return [p for p, (why, said, doubt) in enumerate(each) if not why and (said or doubt)]
+        for p in [p for p, (why, *told) in enumerate(each) if not why and any(told)]:
+            if (template := cells.own(batch, p)).refused:
+                self.why[p] = template.refused
+            else:
+                self.look(template, self.rows, np.array([p]), self.phases, np.ones((1, len(batch.logs))))
+        return self
 
     def without(self, plates: np.ndarray) -> "Screened":
         """The same, but that errors of these (P,) span nothing: of logs that differ they do already."""
@@ -233,8 +242,7 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
 
 
 def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> Screened:
-    """By the single fit's own terms; of plates of which something is to be said by those at their own
-    place."""
+    """By the single fit's own terms."""
     keys, levels, rows = cells.keys(batch), np.stack(_levels(batch), axis=1), None
     found = Screened.nothing(batch)
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
@@ -251,13 +259,7 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
         found.look(template, rows, here, phases, (levels[here] / WIDTHS[2] ** key[2:-1]) ** 2)
-    for p in found.telling():
-        if (template := cells.own(batch, p)).refused:
-            found.why[p] = template.refused
-        else:
-            found.look(template, rows, np.array([p]), phases, np.ones((1, levels.shape[1])))
-    std = np.sqrt(np.einsum("pii->pi", batch.covariance))
-    return found._replace(spans=found.spans * std[:, :, None] * std[:, None])
+    return found._replace(rows=rows, phases=phases)
 
 
 def _rows(batch: Batch, k: int, left: np.ndarray, names: Sequence[str]) -> np.ndarray:

@@ -40,6 +40,7 @@ from sysid.verdict.view import View
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
+LEAST = 0.5  # power of the noise of plates of a cell, over the cell's
 QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
 CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
 NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
@@ -60,7 +61,7 @@ class Trying:
         """Without the arrays over the rows, which the template has side by side. `before`: how likely what
         errors span is beforehand."""
         term, kind = replace(self.term, shapes={}), (self.term.name, self.term.log)
-        spanned = not self.term.parts and kind in before and shows(self.scored)
+        spanned = not self.term.parts and kind in before and shows(self.scored, LEAST)
         return replace(self, term=term, allowed=Allowed(term, self.scored, before[kind]) if spanned else None)
 
 

@@ -104,9 +104,10 @@ class Allowed(NamedTuple):
         return self.term.say(self.scored.values @ self.mean(numbers), self.scored.errors)
 
 
-def shows(scored: Scored) -> bool:
-    """Whether logs would show an effect of a usual size, in whatever direction of its numbers."""
-    return bool(np.min(scored.usual) > SHOWS**2)
+def shows(scored: Scored, power: float = 1.0) -> bool:
+    """Whether logs would show an effect of a usual size, in whatever direction of its numbers, in noise of so
+    many times the power."""
+    return bool(np.min(scored.usual) > power * SHOWS**2)
 
 
 def allowed(tried: Sequence[tuple[Term, Scored]]) -> list[Allowed]:
@@ -141,6 +142,7 @@ class Together(NamedTuple):
         usual = self.usual / power
         shown = usual / (1 + usual) * numbers**2 - np.log1p(usual)
         found = 0.5 * np.add.reduceat(shown, self.begins, axis=1).T
+        found[np.minimum.reduceat(usual, self.begins, axis=1).T <= SHOWS**2] = 0.0  # not to be seen there
         odds = np.zeros_like(found)
         for k, p in zip(*np.nonzero(found > 0), strict=True):
             there = self.each[k].louder(power[p, self.begins[k]])
