@@ -157,6 +157,11 @@ def test_rows_are_those_of_the_single_fit(kind, bench):
             assert (a["x"], a["name"], a["label"]) == (b["x"], b["name"], b["label"])
 
 
+def but_for_digits(sentences):
+    """What is found to first order has the numbers of a plate that is nearly this one."""
+    return [re.sub(r"[-+.\d]+(e[-+]\d+)?", "#", said) for said in sentences]
+
+
 def fed_through(seed, share, phase):
     """A step and a sweep, which a share of the response feeds through to, in the plate's frame."""
     background = share * 100 * plant(seed).G * np.exp(1j * (phase - 0.2))
@@ -171,25 +176,24 @@ def test_a_feedthrough_that_may_be_a_delay_widens_g_as_the_single_fit_has_it(pla
         logs[str(k)] = fed_through(k, share, phase + 0.1 * rng.standard_normal())
     rows, beside = told(logs), told({str(k): made("both", k) for k in plates})
     assert [row["way"] for row in rows.values()].count("batch") >= 0.95 * len(plates)
-    off, wider = [], []
+    off, errors, wider = [], [], []
     for name, ours in rows.items():
         single = row_of(Group(name, tuple(logs[name])), Settings())
         wider.append(ours["parameters"]["G"]["std"] / beside[name]["parameters"]["G"]["std"])
         for parameter in ("G", "tau", "f0"):
             p, q = single["parameters"][parameter], ours["parameters"][parameter]
-            off.append(
-                max(abs(q[number] - p[number]) for number in ("value", "std", "ci95_low", "ci95_high"))
-                / p["std"]
+            off.append(abs(q["value"] - p["value"]) / p["std"])
+            errors.append(
+                max(abs(q[number] - p[number]) for number in ("std", "ci95_low", "ci95_high")) / p["std"]
             )
         assert (ours["result"], ours["warnings"]) == (single["result"], single["warnings"])
-        # what is found to first order has the numbers of a plate that is nearly this one
-        assert [re.sub(r"[-+.\d]+", "#", said) for said in ours["notes"]] == [
-            re.sub(r"[-+.\d]+", "#", said) for said in single["notes"]
-        ]
+        assert but_for_digits(ours["notes"]) == but_for_digits(single["notes"])
         assert [(f["key"], f["outcome"], f["logs"]) for f in ours["findings"]] == [
             (f["key"], f["outcome"], f["logs"]) for f in single["findings"]
         ]
     assert np.mean(np.array(off) < 0.02) > 0.85 and np.quantile(off, 0.95) < 0.1
+    # what an error spans goes with the exponential of numbers that are those of a plate nearly this one
+    assert np.mean(np.array(errors) < 0.02) > 0.85
     assert np.median(wider) > 1.3
     assert sum("that is late by" in " ".join(row["notes"]) for row in rows.values()) > len(plates) / 2
 
@@ -360,9 +364,7 @@ def test_what_may_be_chance_is_warned_of_as_the_single_fit_has_it():
         assert row["way"] == "batch" and row["result"] == single["result"]
         (ours,), (theirs,) = row["findings"], single["findings"]
         assert (ours["key"], ours["outcome"]) == (theirs["key"], theirs["outcome"])
-        assert [said.partition(" (")[0] for said in row["warnings"]] == [
-            said.partition(" (")[0] for said in single["warnings"]
-        ]
+        assert but_for_digits(row["warnings"]) == but_for_digits(single["warnings"])
         assert row["warnings"]
         for parameter in ("G", "tau", "f0"):
             a, b = row["parameters"][parameter], single["parameters"][parameter]
@@ -391,4 +393,4 @@ def test_errors_span_what_those_of_the_single_fit_do(unfitted):
         for parameter in ("G", "tau", "f0"):
             found, single = row["parameters"][parameter], fit.parameters[parameter]
             assert found["value"] == pytest.approx(single.value, abs=0.1 * single.std)
-            assert found["std"] == pytest.approx(single.std, rel=0.1)
+            assert found["std"] == pytest.approx(single.std, rel=0.2)  # that of `but_for_digits`, squared
