@@ -200,7 +200,7 @@ def test_a_block_of_rows_shows_their_mean(order):
 @pytest.mark.parametrize("dark", [study(0.05), 0.3])
 @pytest.mark.parametrize("order", [0, study(4)])
 def test_rows_without_a_signal_are_no_part_of_the_mean_of_their_block(order, dark):
-    rng, rows, step = np.random.default_rng(2), 20_000 if not order else 4000, LOCKIN_TAU / 10
+    rng, rows, step = np.random.default_rng(3), 20_000 if not order else 4000, LOCKIN_TAU / 10
     a = -1 / TAU + 2j * np.pi * (F0 - DRIVEN)
     clean = -G / TAU * 60.0 / a * (1 - np.exp(a * step * np.maximum(np.arange(rows) - rows // 10, 0)))
     response = behind(order, clean, step) + 0.012 * (
