@@ -50,9 +50,10 @@ def _delayed(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
     late, stated = found["delay_s"], trial.log.bench["delay_s"]
     way = "behind" if late.value > 0 else "before"
+    or_else = ", or the demodulator's lockin_tau_s and lockin_order" if late.value > 0 else ""
     return Told(
         f"the response is {abs(late.value):.3g} ± {late.std:.1g} s {way} the inputs that are recorded",
-        f"state delay_s ({stated:.4g}), or the demodulator's lockin_tau_s and lockin_order",
+        f"state delay_s ({stated:.4g}){or_else}",
     )
 
 
@@ -238,6 +239,12 @@ def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
         return Told(
             f"its phase does not fall along the sweep as behind the {stated:.2g} s that delay_s states",
             "of settled points state what turns their phase, a sensor's or a cable's, and 0 if nothing does",
+        )
+    if delay.value < 0:
+        return Told(
+            f"its phase rises along the sweep, as if a delay of {-delay.value:.4g} ± {delay.std:.1g} s that is"
+            " not there had been undone",
+            "see what the instrument takes off, or state delay_s below zero",
         )
     return Told(
         f"its phase falls along the sweep as behind a delay of {delay.value:.4g} ± {delay.std:.1g} s",

@@ -68,7 +68,8 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
             f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False
         )
     where = _where(trial, rows, residual[rows])
-    return Left(f"{much} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
+    amount = much if part else "something"  # neighbours share nothing of what jumps from row to row
+    return Left(f"{amount} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
 
 
 def slow(trial: Trial, tau: float) -> bool:
