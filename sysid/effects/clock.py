@@ -242,8 +242,8 @@ def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
         )
     if delay.value < 0:
         return Told(
-            f"its phase rises along the sweep, as if a delay of {-delay.value:.4g} ± {delay.std:.1g} s that is"
-            " not there had been undone",
+            f"its phase rises along the sweep, as if a delay of {-delay.value:.4g} ± {delay.std:.1g} s that"
+            " is not there had been undone",
             "see what the instrument takes off, or state delay_s below zero",
         )
     return Told(

@@ -159,13 +159,17 @@ class Linear:
         return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c)) is not None]
 
     def gain(self, term: Term) -> float:
-        """Log likelihood that a term is worth in noise of a known level; 0 where the plant and the nuisances
-        make up for it."""
+        """Log likelihood that a term is worth in noise of a known level, by what the plant and the nuisances
+        do not make up for."""
         added = self._added(term)
-        if added is None or np.any(np.diag(own := self._own(added)) < LEAST):
+        if added is None:
             return 0.0
-        score = added.score - added.cross.T @ self.inverse @ self.slope
-        return 0.5 * float(score @ np.linalg.lstsq(own, score, rcond=ROUNDED)[0])
+        own = self._own(added)
+        told = np.diag(own) >= LEAST
+        score = (added.score - added.cross.T @ self.inverse @ self.slope)[told]
+        if not len(score):
+            return 0.0
+        return 0.5 * float(score @ np.linalg.lstsq(own[np.ix_(told, told)], score, rcond=ROUNDED)[0])
 
     def tells(self, term: Term) -> bool:
         """Whether the logs can tell the term from the plant and the nuisances."""
