@@ -72,12 +72,13 @@ class Effect:
     the log of by how much it stretches that. `linear`: numbers that the response follows in proportion from
     zero, by which logs show it to first order, beside others at each of its `places` (m, d); where none is,
     all that it does at a place. `known_as`: what else shows it to first order (`verdict.terms`); with neither
-    it has to be tried. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
-    and of what that moves, where it may be there and hide. `stated`: what a log's metadata would have said of
-    it, by which rows are read in another way. `colour`: of noise that went through it, the correlation
-    of rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what
-    all are. `makes_sense`: whether numbers and their standard
-    deviations are those of the effect; unless stated, whether one that is linear is seen at all."""
+    it has to be tried. `noise_like`: whether noise of a log looks like such numbers. `expected`: every plate
+    has a little of it. `unseen`: what to say of it, of its size and of what that moves, where it may be there
+    and hide. `stated`: what a log's metadata would have said of it, by which rows are read in another way.
+    `colour`: of noise that went through it, the correlation of rows that are so many seconds apart.
+    `relative`: it is what a log is beside others, and not what all are. `makes_sense`: whether numbers and
+    their standard deviations are those of the effect; unless stated, whether one that is linear is seen at
+    all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -95,6 +96,7 @@ class Effect:
     linear: tuple[int, ...] = (0,)
     places: Callable[[Trial, About], np.ndarray] | None = None
     known_as: Sequence[str] = ()
+    noise_like: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     expected: bool = False
     unseen: Callable[[Trial, About], str] = lambda trial, about: ""
     colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None

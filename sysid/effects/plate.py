@@ -68,6 +68,11 @@ DUFFING = Effect(
 )
 
 
+def _turns(trial: Trial) -> bool:
+    """Whether a log shows how far its plate is from its resonance."""
+    return trial.resonant and (trial.signed or bool(np.ptp(trial.log.frequency) > 0))
+
+
 def _amplitude_damped(power: int, moving: bool) -> Effect:
     """A plate that is damped by 1 + c (|W|/W_max)^power, |W| as recorded: by friction within it (2), by air
     that it stirs (1) (Baltanas et al., Am. J. Phys. 71, 2001, 2003). Of a transient (`moving`) the noise of
@@ -108,6 +113,8 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
         said=said,
         scope="plate",
         rough=moving,
+        # of long memory, where no phase turns; and friction seldom falls with the amplitude
+        noise_like=lambda trial, values: values[0] < 0 and trial.noise.coloured and not _turns(trial),
     )
 
 

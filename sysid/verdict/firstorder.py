@@ -112,9 +112,9 @@ class Place:
         """The same in words; None where such numbers make no sense."""
         if np.any(np.abs(value) > WITHIN):
             return UNNAMED
-        exact = EXACT * self.stds
-        sense = self.effect.seen(self._with(self.values, value), exact) if self.shown else value[0] > 0
-        if not sense:
+        numbers, exact = self._with(self.values, value), EXACT * self.stds
+        sense = self.effect.seen(numbers, exact) if self.shown else value[0] > 0
+        if not sense or self.effect.noise_like(self.trial, numbers):
             return None
         told = self.effect.said(self.trial, self.numbers(value, std))
         return f"{self.name}{told.what}; {told.to_do}"
