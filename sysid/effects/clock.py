@@ -7,7 +7,7 @@ from math import factorial
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, nowhere, positive, undone
+from sysid.effects.effect import About, Effect, Told, nowhere, one_way, positive, undone
 from sysid.effects.number import Number, number
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
@@ -184,14 +184,11 @@ def _lost(share: float) -> Effect:
 ROWS_LOST = tuple(_lost((k + 0.5) / PLACES) for k in range(PLACES))
 
 
-def one_way(trial: Trial) -> bool:
-    """Whether a log is a sweep of settled points that may have been too fast: driven, in one direction."""
-    if not (trial.swept and trial.driven) or len(trial.log) < LEAST_ROWS:
-        return False
+def _unsettled(trial: Trial) -> bool:
+    """A sweep of settled points that may have been too fast: driven, in one direction."""
     if trial.signed and "background" not in trial.nuisances:
         return False  # what is left is then rather that
-    steps = np.diff(trial.log.frequency)
-    return bool(np.all(steps > 0) or np.all(steps < 0))
+    return trial.swept and trial.driven and one_way(trial) and bool(np.all(np.diff(trial.log.frequency)))
 
 
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -217,7 +214,7 @@ def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 DWELL = Effect(
     name="dwell",
-    shows=one_way,
+    shows=_unsettled,
     stds=lambda trial, about: np.array([ENOUGH]),
     starts=lambda trial, about: DWELLS,
     applied=_hurried,

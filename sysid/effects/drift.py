@@ -12,6 +12,7 @@ from sysid.effects.effect import (
     lasted,
     moving,
     nowhere,
+    one_way,
     shares,
     shifted,
     size,
@@ -79,12 +80,10 @@ def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 def _hidden(trial: Trial, about: About) -> str:
     """Of a sweep in one direction that lasts long, whose temperature is not recorded or does not change."""
-    log, turns = trial.log, np.sign(np.diff(trial.log.frequency))
+    log = trial.log
     read = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
-    one_way = np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0))
-    if trial.steady or read or not one_way or lasted(trial) < SLOW * about.tau:
-        return ""
-    return HIDDEN.format(log.name)
+    hides = not (trial.steady or read) and one_way(trial) and lasted(trial) > SLOW * about.tau
+    return HIDDEN.format(log.name) if hides else ""
 
 
 SELF_HEATING = Effect(
@@ -196,7 +195,9 @@ def _turning_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 PHASE_DRIFT = Effect(
     name="phase_drift",
-    shows=lambda trial: np.iscomplexobj(trial.log.response) and len(trial.log) >= LEAST_ROWS,
+    shows=lambda trial: (
+        np.iscomplexobj(trial.log.response) and len(trial.log) >= LEAST_ROWS and not one_way(trial)
+    ),
     stds=lambda trial, about: np.array([TURNED]),
     starts=lambda trial, about: np.array([[-TURNED], [0.0], [TURNED]]),
     applied=_turning,

@@ -165,6 +165,14 @@ def sweep(trial: Trial) -> bool:
     )
 
 
+def one_way(trial: Trial) -> bool:
+    """A sweep, with its times or of settled points, whose frequency only rises, or only falls."""
+    if not trial.resonant or len(trial.log) < LEAST_ROWS:
+        return False
+    turns = np.sign(np.diff(trial.log.frequency))
+    return bool(np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0)))
+
+
 def sweep_or_moving(trial: Trial) -> bool:
     """A sweep, or d and q of a transient whose inputs change."""
     return sweep(trial) or moving(trial)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincc
 
-from sysid.effects.effect import About
+from sysid.effects.effect import About, one_way
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.verdict.averaged import Average, averaged
@@ -26,7 +26,7 @@ from sysid.verdict.coincidence import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
 from sysid.verdict.moments import ASTRAY, LATE, at_changes
 from sysid.verdict.term import Term, together
-from sysid.verdict.terms import RUNNING, one_way, terms
+from sysid.verdict.terms import RUNNING, terms
 from sysid.verdict.throughout import CURVED
 from sysid.verdict.unexplained import left_of
 from sysid.verdict.view import View
@@ -171,7 +171,13 @@ def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
     """What a sweep of one direction cannot tell, whose delay is stated, from a frequency that runs on between
     its rows: half a step."""
     log, changes = view.trial.log, np.diff(view.trial.log.frequency) if view.trial.resonant else np.zeros(1)
-    if "f0" not in fit.names or not one_way(view) or "delay_s" not in log.bench or np.any(changes == 0):
+    if (
+        "f0" not in fit.names
+        or view.trial.steady
+        or not one_way(view.trial)
+        or "delay_s" not in log.bench
+        or np.any(changes == 0)
+    ):
         return None  # a frequency that stays for several rows does not run on
     f0, step = fit.names.index("f0"), float(np.ptp(log.frequency)) / (len(log) - 1)
     moved = 0.5 * step * min(fit.share(i)[f0, f0], 1.0)

@@ -82,14 +82,6 @@ def _beating(i: int, view: View) -> Iterator[Term]:
         yield of_one(i, "off_resonance", shape, f"{said}; record wd, wq and the frequency")
 
 
-def one_way(view: View) -> bool:
-    """A sweep with its times whose frequency only rises, or only falls."""
-    if view.trial.steady or not view.trial.resonant or len(view.trial.log) < 8:
-        return False
-    turns = np.sign(np.diff(view.trial.log.frequency))
-    return bool(np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0)))
-
-
 def _background(i: int, view: View) -> Iterator[Term]:
     """What lies in parallel to the resonance, over a sweep, and bends."""
     log = view.trial.log
