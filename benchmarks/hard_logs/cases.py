@@ -202,7 +202,7 @@ THE_BENCH_IS_ANOTHER = {
     "amplifier with a dead zone": Case(
         lambda b: [felt(b, v := levels(b, (0.3, 1.0, 0.0, 0.6)), np.maximum(v - 15.0, 0.0))], "refused", "not proportional to the drive"),
     "amplifier with hysteresis": Case(
-        lambda b: [felt(b, v := levels(b, (0.3, 1.0, 0.5, 0.8)), held_back(v, 15.0))], "refused", "not proportional to the drive|no known effect"),
+        lambda b: [felt(b, v := levels(b, (0.3, 1.0, 0.5, 0.8)), held_back(v, 15.0))], "refused", "not proportional to the drive|no known effect|falls with another"),
     "source whose phase jumps": Case(lambda b: [jumping_source(b)], "refused or open", "no known effect|cannot tell|second"),
     "gain that changes between logs": Case(lambda b: [b.step(), spoilt(b.sweep(), lambda y: 1.3 * y)], "refused", "G contradicts"),
     "sign of q, sweep": Case(lambda b: [spoilt(b.sweep(), np.conj)], "refused or open", "phase_sign"),

@@ -151,8 +151,9 @@ class _Left:
 
 
 def _seems_a_mode(values: np.ndarray, stds: np.ndarray) -> bool:
-    """Whether it stands where another mode can, and has a size."""
-    return bool(abs(values[0]) >= APART[0] > stds[0] and np.hypot(*values[2:4]) > SEEN * np.min(stds[2:4]))
+    """Whether it stands where another mode can, and has a size, no larger than that of the first."""
+    size = float(np.hypot(*values[2:4]))
+    return bool(abs(values[0]) >= APART[0] > stds[0] and SEEN * np.min(stds[2:4]) < size <= 1.0)
 
 
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:

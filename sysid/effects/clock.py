@@ -82,6 +82,8 @@ def _filter(order: int) -> Effect:
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
+        if trial.resonant:  # one that is shorter than a radian of the carrier leaves the carrier
+            time = max(time, 1 / (2 * np.pi * float(np.max(trial.log.frequency))))
         return replace(_on_time(trial), filter=(time, order))
 
     def stated(values: np.ndarray, about: About) -> dict[str, float]:
