@@ -8,9 +8,10 @@ whose evidence is at most
 
     worth - freedom log(2 worth/freedom) / 2
 
-as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. The
-best that is not adopted is still named where it explains most of what the plant leaves. What was tried in
-full and explains nothing is refuted: the first order's name for it is no cause.
+as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. What
+several logs may have for themselves is tried in all of them at once as well. The best that is not adopted
+is still named where it explains most of what the plant leaves, and so are effects of two kinds in one log.
+What was tried in full and explains nothing is refuted: the first order's name for it is no cause.
 """
 
 from collections.abc import Sequence
@@ -200,9 +201,10 @@ def groups(each: Sequence[Instance], wrong: set[int]) -> list[Group]:
         if len(x.where) == 1 and x.effect.scope != "plate" and not x.effect.many:
             alike.setdefault(x.effect, []).append(x)
     several = [tuple(y for y in xs if y.where[0] in wrong) for xs in alike.values()]
-    several = [x[x[0].effect.relative :] for x in several if len(x) > 1]
     for_all = {x[0].effect for x in several if len(x) > MOST}
-    return [*((x,) for x in each if len(x.where) > 1 or x.effect not in for_all), *several]
+    others = [x[x[0].effect.relative :] for x in several if x]  # but for the one beside which they are
+    alone = [(x,) for x in each if len(x.where) > 1 or x.effect not in for_all]
+    return [*alone, *(x for x in others if len(x) > 1)]
 
 
 def _most_evidence(found: Found) -> float:

@@ -238,8 +238,7 @@ class Search:
         stds, parts = self.stds(point.instances), self.parts(point.instances)
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
         evidence = self.base - point.cost + volume - len(point.instances) * np.log(count)
-        evidence += self.coloured(point)
-        evidence = evidence if np.isfinite(evidence) else -np.inf
+        evidence = evidence + self.coloured(point) if np.isfinite(evidence) else -np.inf
         found = Description(*point[:3], parts, covariance, dispersion, evidence, self.about, True)
         return found._replace(sense=self.makes_sense(found))
 

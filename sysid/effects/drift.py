@@ -31,7 +31,7 @@ HIDDEN = (
     "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of"
     " one direction, and would move {{}}; sweep back as well, or record the temperature of every row"
 )
-TURNED = 0.5  # rad
+TURNED = 0.5  # rad from end to end: of more a demodulator is seen to be at another frequency
 WARMED = 4.0  # half bandwidths: of a plate at some other temperature
 CREPT = 0.5  # of the largest response
 

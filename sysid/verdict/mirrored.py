@@ -24,8 +24,8 @@ EXPLAINED = 0.25  # of the power that is left, half of its root
 def mirrored(
     minimiser: Minimiser, trials: Sequence[Trial], together: State, likely: Sequence[Found]
 ) -> Found | None:
-    """The logs whose conjugates are described along with the others, which
-    they are not themselves, and better than by anything that is `likely`; else None."""
+    """The logs whose conjugates are described along with the others, which they are not themselves, and
+    better than by anything that is `likely`; else None."""
     least, found = max([SURE, *(f.worth for f in likely)]), None
     alike = minimiser.refine(tuple(trials), together.theta, 1)
     for turned in _tried(trials):
