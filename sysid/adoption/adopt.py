@@ -8,10 +8,10 @@ whose evidence is at most
 
     worth - freedom log(2 worth/freedom) / 2
 
-as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own. What
-several logs may have for themselves is tried in all of them at once as well. The best that is not adopted
-is still named where it explains most of what the plant leaves, and so are effects of two kinds in one log.
-What was tried in full and explains nothing is refuted: the first order's name for it is no cause.
+as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own.
+What several logs may have for themselves is tried in all of them at once as well. The best that is not
+adopted is still named where it explains most of what the plant leaves, and so are effects of two kinds in
+one log. What was tried in full and explains nothing is refuted: the first order's name for it is no cause.
 """
 
 from collections.abc import Sequence
