@@ -178,7 +178,8 @@ class jitted:
             def program(leaves):
                 return self.function(**jax.tree.unflatten(tree, leaves), **static)
 
-            identity = f"{static} {tree} {types} {real}"
-            make = lambda: jax.jit(program).lower(leaves).compile()  # noqa: E731
+            options = _options(False, max(math.prod(x.shape) for x in types))
+            identity = f"{options} {static} {tree} {types} {real}"
+            make = lambda: _compiled(jax.jit(program).lower(leaves), options)  # noqa: E731
             self.programs[key] = kept.program(self.function, identity, make)
         return self.programs[key](leaves)
