@@ -50,6 +50,12 @@ def two_modes(rng):
     return swept(rng, f, noisy(rng, np.exp(0.3j) * (settled(f) + 0.4j * settled(f, F0 + 4 * HALF)), 0.005))
 
 
+def beyond(rng):
+    """A larger mode, of which the sweep shows the foot."""
+    f = F0 + HALF * np.linspace(-10, 6, 120)
+    return swept(rng, f, noisy(rng, settled(f) - 3 * settled(f, F0 + 10 * HALF), 0.004))
+
+
 def hurried(rng):
     """Each point after a dwell of 0.8 tau, integrated in 32 parts of it."""
     f, fine = F0 + np.linspace(-500, 500, 121), 32
@@ -182,7 +188,7 @@ KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled,
-    "second_mode of a decay": beating,
+    "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 
 

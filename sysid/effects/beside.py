@@ -39,12 +39,19 @@ SLOPING = 0.5  # of the largest response
 def _second(trial: Trial, place: float, width: float, drift: float, about: About) -> np.ndarray:
     """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, which each
     degC takes `drift` half bandwidths farther above it; from rest, of size one where the largest drive of the
-    logs holds it at its resonance; of a decay, of size one at its first row."""
-    place, drift = place * about.half_bandwidth, drift * about.half_bandwidth
-    theta = about.theta + np.array([0.0, width, place, drift, 0.0, 0.0])
-    theta[0] = -np.log(about.drive)
+    logs holds it at the frequency, of those driven, that is nearest to its resonance; of a decay, of size one
+    at its first row."""
+    theta = about.theta + np.array([0.0, width, *(about.half_bandwidth * np.array([place, drift])), 0.0, 0.0])
+    theta[0] = np.log(_unseen(place, width, about) / about.drive)
     course = Course.of(trial, about.reference, theta)
     return course.forced if trial.driven else course.free
+
+
+def _unseen(place: float, width: float, about: About) -> float:
+    """How many times what is driven shows of a mode it would be at its resonance."""
+    at = about.theta[2] + place * about.half_bandwidth
+    outside = max(about.driven[0] - at, 0.0, at - about.driven[1])
+    return float(np.hypot(1.0, outside / about.half_bandwidth * np.exp(width)))
 
 
 def _resonates(trial: Trial) -> bool:
@@ -63,19 +70,24 @@ def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
     side = "above" if apart.value > 0 else "below"
     return Told(
         f"a second resonance, {abs(apart.value):.4g} ± {apart.std:.1g} Hz {side} the first and of"
-        f" {100 * found['size'].value:.2g} % of its response",
+        f" {100 * found['size'].value:.3g} % of its response",
         "a controller of the first alone does not know it: keep it away from there",
     )
 
 
 def _second_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
-    time, size = float(np.exp(values[1])) * about.tau, float(np.hypot(*values[2:4]))
+    time, whole = float(np.exp(values[1])) * about.tau, 1.0
+    if trial.driven:
+        whole = _unseen(float(values[0]), float(values[1]), about)
+    share = float(np.hypot(*values[2:4]))
+    unseen = share * stds[1] * (1 - whole**-2)  # its width tells how much of it is not in the logs
+    error = np.hypot(np.max(stds[2:4]), unseen)
     return {
         "apart_Hz": number(
             values[0] * about.half_bandwidth - about.moved, stds[0] * about.half_bandwidth, "Hz"
         ),
         "tau_s": number(time, time * stds[1], "s"),
-        "size": number(size, np.max(stds[2:4]), "of the largest response"),
+        "size": number(share, error, "of the largest response", whole),
     } | (
         {"drift": number(values[4], stds[4], "Hz/degC", about.half_bandwidth)}
         if stds[4] < 0.5 * DRIFTS
