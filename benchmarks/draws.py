@@ -49,7 +49,7 @@ class Problem:
         values = np.array([self.fit.parameters[n].value for n in self.fit.names])
         self.std = np.sqrt(np.diag(self.fit.covariance))
         self.scales = [x.noise_std for x in self.fit.logs]
-        self.turns = [t.turn / abs(t.turn) for t in self.fit.modes[0].trials]
+        self.turns = [t.bench.turn / abs(t.bench.turn) for t in self.fit.modes[0].trials]
         self.memory = [np.exp(-1 / x.noise_time) if x.noise_time else 0.0 for x in self.fit.logs]
         self.centre = values
         spread = self.std / np.where(np.isin(self.fit.names, ["G", "tau"]), values, 1.0)

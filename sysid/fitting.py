@@ -256,10 +256,11 @@ def _with_thermometers(
 
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:
     """The trials as they were read, with the nuisances and priors that were found."""
-    pairs = zip(trials, found, strict=True)
     return tuple(
-        replace(t, nuisances=f.nuisances, narrow=f.narrow, standing=f.standing, offset=f.offset)
-        for t, f in pairs
+        replace(t, nuisances=f.nuisances).with_bench(
+            narrow=f.bench.narrow, standing=f.bench.standing, offset=f.bench.offset
+        )
+        for t, f in zip(trials, found, strict=True)
     )
 
 

@@ -71,7 +71,7 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
         if log.kind is None or (log.kind == "transient" and log.sampling is None and dwells(log, 0.0)):
             trial = read_as(trial, log.sampling, candidates(trial)[0][0])
         if trial.start_free and not (trial.signed or trial.begun):
-            trial = replace(trial, start=complex(np.mean(log.response[:3])))
+            trial = trial.with_bench(start=complex(np.mean(log.response[:3])))
         found.append(trial)
         warnings += [f"{log.name}: {note}" for note in wording.assumptions(trial)]
     if any(t.touched for t in found):
@@ -120,7 +120,8 @@ def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
         sampling = "settled"  # as it has been read already
     if (kind, sampling) == (trial.kind, trial.log.sampling):
         return trial
-    return replace(Trial.of(replace(log, sampling=sampling), kind, trial.nuisances), start=trial.start)
+    anew = Trial.of(replace(log, sampling=sampling), kind, trial.nuisances)
+    return anew.with_bench(start=trial.bench.start)
 
 
 def check_units(logs: Sequence[Log]) -> None:

@@ -24,7 +24,7 @@ logs       densities units textfile cells scattered stamps pieces preamble sheet
            columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice experiment likelihood prior
-trials     noise whitening trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
+trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift beside registry
 verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through

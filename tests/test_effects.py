@@ -316,12 +316,12 @@ def test_any_two_effects_go_together(bench):
             held = {len(getattr(read.inputs, name)) for name in ("drive", "offset", "damped", "contact")}
             assert len(held) == 1, (first.name, second.name)
             assert len(read.log) == len(trial.log) == len(read.inputs.interval), (first.name, second.name)
-            assert read.alongside is None or len(read.alongside) == len(read.log)
+            assert read.bench.alongside is None or len(read.bench.alongside) == len(read.log)
             if (
                 log.kind == "steady"
                 and first.name in ("second_mode", "amplitude_damping")
                 and second.name != "dwell"
             ):
                 once = first.applied(trial, a, about)
-                assert read.alongside is not None or once.alongside is None
+                assert read.bench.alongside is not None or once.bench.alongside is None
                 assert second.name == first.name or np.array_equal(read.inputs.damped, once.inputs.damped)

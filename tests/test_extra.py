@@ -85,7 +85,7 @@ def test_logs_of_sensors_of_another_gain():
 def test_what_is_not_asked_for_is_not_there():
     log = up_and_down(0)
     plain = sysid.fit([log])
-    assert plain.modes[0].trials[0].extra == {}
+    assert plain.modes[0].trials[0].bench.extra == {}
     silent = sysid.fit(
         [replace(log, temperature=None)], nuisances=(*NUISANCES, "lag")
     )  # no temperature: nothing lags

@@ -180,7 +180,9 @@ def independent(model, log, size, noise_std, held=()):
 @pytest.mark.parametrize("kind", ["step", "sweep"])
 def test_agrees_with_an_independent_least_squares(kind, step_fit, sweep_fit):
     trial = step_fit.modes[0].trials[0]
-    step = partial(step_model, through=trial.narrow["feedthrough"], seconds=trial.narrow["lateness"])
+    step = partial(
+        step_model, through=trial.bench.narrow["feedthrough"], seconds=trial.bench.narrow["lateness"]
+    )
     fit, model, at, size, held = {
         "step": (step_fit, step, 32290, 12, (8, 9, 10, 11)),
         "sweep": (sweep_fit, sweep_model, 32300, 8, ()),

@@ -1,8 +1,6 @@
 """What amplitudes tell whose noise is coloured in Wd and Wq, against estimates from drawn noise and dense
 covariances."""
 
-from dataclasses import replace
-
 import numpy as np
 from reference import Plant, steady
 
@@ -20,7 +18,7 @@ def test_errors_are_those_of_estimates_from_noise_of_both_channels():
     frequency = PLANT.f0 + np.linspace(-500, 500, N)
     response = steady(PLANT, np.ones(N), frequency, 24.0)
     log = Log("sweep", np.abs(response), drive=np.ones(N), frequency=frequency, kind="steady")
-    trial = replace(with_noise(Trial.of(log, "steady"), 0.01, MEMORY), floor=1e-4)
+    trial = with_noise(Trial.of(log, "steady"), 0.01, MEMORY).with_bench(floor=1e-4)
     course = Course(
         trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0])
     )
@@ -49,7 +47,7 @@ def test_a_phase_that_stays_costs_nothing():
     frequency = PLANT.f0 + 1e4 + np.linspace(-50, 50, N)
     response = steady(PLANT, np.ones(N), frequency, 24.0)
     log = Log("sweep", np.abs(response), drive=np.ones(N), frequency=frequency, kind="steady")
-    trial = replace(with_noise(Trial.of(log, "steady"), 1e-5, MEMORY), floor=1e-10)
+    trial = with_noise(Trial.of(log, "steady"), 1e-5, MEMORY).with_bench(floor=1e-10)
     course = Course(
         trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0])
     )

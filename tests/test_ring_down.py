@@ -145,19 +145,19 @@ def test_the_linear_view_is_that_of_the_fit():
     found = sysid.fit([log(1.0, 200, 0.7 * TAU)])
     state = found.modes[0]
     trial, model = state.trials[0], state.models[0]
-    assert trial.begun and abs(trial.start) > 0.1
+    assert trial.begun and abs(trial.bench.start) > 0.1
     view = View(trial, model, state, found.reference)
     np.testing.assert_allclose(rice.mean(view.plate, trial.lift), model.real, rtol=1e-4)
 
     def plate(theta):
         course = Course(trial, trial.hold(found.reference), theta)
-        return course.forced + trial.start * course.free
+        return course.forced + trial.bench.start * course.free
 
     for k, step in ((0, 1e-6), (1, 1e-6), (2, 1e-3)):
         moved = step * np.eye(6)[k]
         slope = (plate(state.theta + moved) - plate(state.theta - moved)) / (2 * step)
         course = Course(trial, trial.hold(found.reference), state.theta)
-        given = course.derivatives(trial.start)[:, k]
+        given = course.derivatives(trial.bench.start)[:, k]
         np.testing.assert_allclose(
             given, slope, atol=1e-6 * np.max(np.abs(slope))
         )  # two differences, of other steps

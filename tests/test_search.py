@@ -1,8 +1,6 @@
 """The residual sums that starting points are chosen by, against dense least squares on a response made
 another way."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import reference
@@ -143,7 +141,7 @@ def test_an_amplitude_that_only_decays():
         h = np.abs((values[0] + 1j * values[1]) * free) ** 2 / (4 * square)
         return np.sqrt(0.5 * np.pi * square) * ((1 + 2 * h) * i0e(h) + 2 * h * i1e(h))
 
-    trial, now = replace(trial, start=1.8 - 0.4j), np.array([1.8, -0.4, floor / loose])
+    trial, now = trial.with_bench(start=1.8 - 0.4j), np.array([1.8, -0.4, floor / loose])
     found = Search([trial], (F0, 24.0)).sums(POINTS)[:, 0]
     for point, value in zip(POINTS[:3], found, strict=False):
         free = ringing(point, np.zeros(ROWS), log.frequency)[1]

@@ -53,7 +53,7 @@ def test_errors_of_a_spectrum_are_true(seeds, averaged, floor):
 
 def test_the_floor_is_that_of_the_sensor():
     fits = [sysid.fit([spectrum(seed, 200, floor=0.1)]) for seed in range(6)]
-    floors = [np.sqrt(f.modes[0].trials[0].floor) / PLANT.G for f in fits]
+    floors = [np.sqrt(f.modes[0].trials[0].bench.floor) / PLANT.G for f in fits]
     assert floors == pytest.approx(6 * [0.1], rel=0.1)  # a row is told to 3.5 %
 
 
@@ -76,7 +76,7 @@ def test_noise_that_lifts_the_flanks_of_an_undriven_sweep_is_no_damping(seeds):
 
 def test_without_a_background_there_is_no_floor():
     fit = sysid.fit([spectrum(0, 16)], nuisances=("rotation", "offset", "start", "late"))
-    assert fit.modes[0].trials[0].under is None and fit.result.name == "successful"
+    assert fit.modes[0].trials[0].bench.under is None and fit.result.name == "successful"
 
 
 @pytest.mark.study  # 60 000 rows

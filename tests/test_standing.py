@@ -64,7 +64,7 @@ def test_an_amplitude_without_an_offset_gets_none(bench, rings):
 
 def test_the_offset_is_found_where_the_ring_down_shows_it(bench):
     fit = sysid.fit([made(bench, 0, 0.03, 1e-3)])
-    found, true = fit.modes[0].trials[0].offset, 0.03 * FULL
+    found, true = fit.modes[0].trials[0].bench.offset, 0.03 * FULL
     assert abs(found) == pytest.approx(
         true, abs=5 * 1e-3 * FULL / np.sqrt(50)
     )  # as the mean of some fifty rows at rest
@@ -81,7 +81,7 @@ def test_the_posterior_holds_it(bench):
 
 def test_asked_not_to_the_fit_leaves_it(bench):
     fit = sysid.fit([made(bench, 0, 0.03, 1e-2)], nuisances=tuple(n for n in NUISANCES if n != "offset"))
-    assert not said(fit) and not fit.modes[0].trials[0].standing
+    assert not said(fit) and not fit.modes[0].trials[0].bench.standing
 
 
 @pytest.mark.study  # without a frequency it is in every run
@@ -154,5 +154,5 @@ def test_several_amplitudes_each_have_their_own(bench):
         for seed, offset in ((0, 0.02), (1, 0.0), (2, 0.01))
     ]
     fit = sysid.fit(logs)
-    assert [t.standing for t in fit.modes[0].trials] == [True, False, True]
+    assert [t.bench.standing for t in fit.modes[0].trials] == [True, False, True]
     assert fit.result is sysid.Result.successful

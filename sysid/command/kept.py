@@ -31,8 +31,9 @@ from sysid.model.prior import Prior
 from sysid.posterior.estimate import Estimate
 from sysid.posterior.posterior import Posterior
 from sysid.rows.hold import Hold
+from sysid.trials.bench import Bench, Extra
 from sysid.trials.noise import Level
-from sysid.trials.trial import Extra, Trial
+from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, Noise
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, FittedLog
@@ -42,7 +43,7 @@ TYPES = {
     t.__name__: t
     for t in (
         *(Posterior, Estimate, Fit, FittedLog, Parameter, Result, State, Plant, Prior),
-        *(Trial, Log, Hold, Noise, Level, Jitter, Extra, Finding, Number),
+        *(Trial, Bench, Log, Hold, Noise, Level, Jitter, Extra, Finding, Number),
     )
 }
 TIMES = ("seconds", "pace", "exact_pace")  # of a run, which the same result does not share

@@ -37,8 +37,8 @@ def _timed(trial: Trial) -> bool:
 
 def _on_time(trial: Trial) -> Trial:
     """The trial whose lateness is known, with as little feedthrough as a bench has."""
-    narrow = trial.narrow | {"feedthrough": THROUGH * trial.scale}
-    return replace(trial, narrow=narrow, extra={}, resonance=None, late=0.0)
+    narrow = trial.bench.narrow | {"feedthrough": THROUGH * trial.scale}
+    return trial.with_bench(narrow=narrow, extra={}, resonance=None, late=0.0)
 
 
 def _delayed(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -84,7 +84,7 @@ def _filter(order: int) -> Effect:
         time = max(float(values[0]), LEAST) * about.tau / order
         if trial.resonant:  # one that is shorter than a radian of the carrier leaves the carrier
             time = max(time, 1 / (2 * np.pi * float(np.max(trial.log.frequency))))
-        return replace(_on_time(trial), filter=(time, order))
+        return _on_time(trial).with_bench(filter=(time, order))
 
     def stated(values: np.ndarray, about: About) -> dict[str, float]:
         return {"lockin_tau_s": max(float(values[0]), LEAST) * about.tau / order, "lockin_order": order}
@@ -201,7 +201,7 @@ def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
     if len(new.log) == len(trial.log):
         there = new.there & trial.there
         new = replace(new, there=there, noise=replace(new.noise, kept=there), dark=trial.dark)
-        new = replace(new, spoilt=trial.spoilt, alongside=trial.alongside)
+        new = replace(new, spoilt=trial.spoilt).with_bench(alongside=trial.bench.alongside)
     return with_noise(new, trial.noise.std, 0.0)
 
 

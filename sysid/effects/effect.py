@@ -132,9 +132,9 @@ def plain(trial: Trial, std: float) -> Trial:
     noise = replace(trial.noise, spread=spread, tail=None, kept=trial.there, efficiency=1.0)
     levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
     trial = replace(trial, noise=replace(noise, jitter=None))
-    if trial.under is not None:  # by which noise as large as what is left would lift amplitudes
-        narrow = {name: wide for name, wide in trial.narrow.items() if name != "floor"}
-        trial = replace(trial, under=None, narrow=narrow, floor=0.0)
+    if trial.bench.under is not None:  # by which noise as large as what is left would lift amplitudes
+        narrow = {name: wide for name, wide in trial.bench.narrow.items() if name != "floor"}
+        trial = trial.with_bench(under=None, narrow=narrow, floor=0.0)
     return with_noise(trial, std, 0.0, levels)
 
 
@@ -196,7 +196,7 @@ def lasted(trial: Trial) -> float:
 def beside(trial: Trial, values: np.ndarray, about: About, shape: np.ndarray) -> Trial:
     """The trial with a shape (n,) in phase and in quadrature, as shares of the largest response."""
     more = (values[0] + 1j * values[1]) * about.top * shape
-    return replace(trial, alongside=more if trial.alongside is None else trial.alongside + more)
+    return trial.with_bench(alongside=trial.bench.moves + more)
 
 
 def shares(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:

@@ -188,7 +188,7 @@ def _ringing(trial: Trial, about: About) -> np.ndarray:
 
 def _overshot(trial: Trial, values: np.ndarray, about: About) -> Trial:
     time = max(float(values[0]), LEAST) * lasted(trial)
-    return replace(trial, filter=(time * np.exp(1j * values[1]), SECOND), extra={}, late=0.0)
+    return trial.with_bench(filter=(time * np.exp(1j * values[1]), SECOND), extra={}, late=0.0)
 
 
 def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:

@@ -2,7 +2,6 @@
 to start from."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -32,7 +31,8 @@ def _mirrored(
     mirrored = {}
     for trial in (t for t in resonant if _of_size_alone(t) and np.ptp(t.log.frequency) == 0):
         turned = tuple(
-            replace(t, start=np.conj(t.start), offset=np.conj(t.offset)) if t is trial else t for t in trials
+            t.with_bench(start=np.conj(t.bench.start), offset=np.conj(t.bench.offset)) if t is trial else t
+            for t in trials
         )
         image = 2 * (trial.log.frequency[0] - reference[0]) - level - drift * warming[id(trial)]
         mirrored[image - drift * warming[id(trial)], drift] = turned
@@ -53,6 +53,6 @@ def _of_size_alone(trial: Trial) -> bool:
 def as_settled(trials: Sequence[Trial], theta: np.ndarray, more: float = 1.0) -> Begin:
     """Amplitudes taken as settled at their first row: another start with another G may look the same. `more`:
     a further factor on G."""
-    size = next(abs(1 + t.start) for t in trials if t.begun) or 1.0
-    settled = tuple(replace(t, start=0.0) if t.begun else t for t in trials)
+    size = next(abs(1 + t.bench.start) for t in trials if t.begun) or 1.0
+    settled = tuple(t.with_bench(start=0.0) if t.begun else t for t in trials)
     return settled, theta + np.log(size * more) * np.eye(1, len(theta))[0]

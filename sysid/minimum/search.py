@@ -120,10 +120,11 @@ class Thinned:
     def _undriven(self, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same for an amplitude that only decays."""
         trial, scale, floor = self.trial, self.trial.looseness, self.trial.lift
-        plate = complex(trial.start) * free + trial.offset
+        bench, start = trial.bench, complex(trial.bench.start)
+        plate = start * free + bench.offset
         size, along = rice.mean(plate, floor), rice.towards(plate, floor) * free
-        shapes = [along.real, -along.imag, rice.by_floor(plate, floor) * float(trial.floor_free) * scale]
-        begun = trial.start.real * shapes[0] + trial.start.imag * shapes[1] + floor / scale * shapes[2]
+        shapes = [along.real, -along.imag, rice.by_floor(plate, floor) * float(bench.floor_free) * scale]
+        begun = start.real * shapes[0] + start.imag * shapes[1] + floor / scale * shapes[2]
         return self._explained(shapes, self.response + self._with_priors(self.weight * (begun - size)))
 
     def _with_priors(self, rows: np.ndarray) -> np.ndarray:

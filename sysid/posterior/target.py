@@ -2,7 +2,6 @@
 counted and timed."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 from time import perf_counter
 
@@ -63,7 +62,7 @@ class Target:
         """The trial over all rows of the file."""
         whole, best = trial.uncondensed(), self.fit.modes[0]
         course = Course.of(whole, self.fit.reference, best.theta)
-        return replace(whole, extra=asked(whole, course, (whole.start, -whole.late)))
+        return whole.with_bench(extra=asked(whole, course, (whole.bench.start, -whole.bench.late)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:
         """(n, 6) parameters of the fit at z (n, p)."""

@@ -85,7 +85,7 @@ def _experiment(
     carrier = moving and trial.log.theta is not None
     late = not (trial.steady or carrier)
     both, order = moving and low_q and not carrier, trial.smoothing[1]
-    apart, toward = bool(noise.levels), trial.turn / (abs(trial.turn) or 1.0)
+    apart, toward = bool(noise.levels), trial.bench.turn / (abs(trial.bench.turn) or 1.0)
     extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude) or bool(extra)
     flags = (
@@ -106,7 +106,7 @@ def _experiment(
     y = _pad(whitened(y, now, before), rows)
     bases = [_pad_rows(q, rows, COLUMNS + max(order, 0)) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
-    return Layout(*flags, rows, intervals, trial.alongside is not None), Experiment(
+    return Layout(*flags, rows, intervals, trial.bench.alongside is not None), Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
         response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),
@@ -118,15 +118,15 @@ def _experiment(
         rotated=np.asarray(float(trial.turned)),
         lateness=np.asarray(trial.lateness / trial.looseness),
         toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
-        start=np.asarray(complex(trial.start) / trial.started),
+        start=np.asarray(complex(trial.bench.start) / trial.started),
         floor=np.asarray(trial.lift),
-        late=np.asarray(trial.late * trial.looseness / (trial.lateness or 1.0)),
-        offset=np.asarray(complex(trial.offset))
-        if trial.alongside is None
-        else _pad(trial.alongside[keep], rows),
+        late=np.asarray(trial.bench.late * trial.looseness / (trial.lateness or 1.0)),
+        offset=np.asarray(complex(trial.bench.offset))
+        if trial.bench.alongside is None
+        else _pad(trial.bench.alongside[keep], rows),
         start_free=np.asarray(trial.start_free * trial.started),
-        floor_free=np.asarray(float(trial.floor_free and not trial.steady)),
-        offset_free=np.asarray(trial.standing * trial.prior("offset") / trial.looseness),
+        floor_free=np.asarray(float(trial.bench.floor_free and not trial.steady)),
+        offset_free=np.asarray(trial.bench.standing * trial.prior("offset") / trial.looseness),
         extra=np.array(extra, complex).reshape(len(extra), rows),
         tied=_tied(trial, hold),
     )
@@ -135,11 +135,10 @@ def _experiment(
 def _tied(trial: Trial, hold: Hold) -> np.ndarray:
     """The log's own resonance (Hz), its mean warming (degC), and one over the error of its thermometer; zeros
     if it has none."""
-    if not (trial.tied and "thermometer" in trial.extra):
+    if not (trial.tied and "thermometer" in trial.bench.extra):
         return np.zeros(3)
-    return np.array(
-        [trial.resonance, np.mean(hold.warming[hold.interval]), 1 / trial.extra["thermometer"].prior]
-    )
+    known = 1 / trial.bench.extra["thermometer"].prior
+    return np.array([trial.bench.resonance, np.mean(hold.warming[hold.interval]), known])
 
 
 def _pad_rows(basis: np.ndarray, rows: int, columns: int) -> np.ndarray:

@@ -25,8 +25,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from sysid.trials.bench import Extra
 from sysid.trials.perturbed import Course
-from sysid.trials.trial import Extra, Trial
+from sysid.trials.trial import Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
 UNITS = {"drift": "Hz", "lag": "s", "gain": "1", "thermometer": "degC"}
@@ -54,16 +55,16 @@ def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
     trial, (f0, k_T) = course.trial, course.theta[2:4]
     if "thermometer" in trial.nuisances:
         own, most = (
-            f0 + k_T * course.warming if trial.resonance is None else trial.resonance,
+            f0 + k_T * course.warming if trial.bench.resonance is None else trial.bench.resonance,
             STRIDE / (2 * np.pi * course.tau),
         )
         more = 0.0
         if trial.tied:
-            size = k_T * trial.extra["thermometer"].prior / trial.looseness
+            size = k_T * trial.bench.extra["thermometer"].prior / trial.looseness
             more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
-        new = replace(new, resonance=own + float(np.clip(more, -most, most)))
+        new = new.with_bench(resonance=own + float(np.clip(more, -most, most)))
         course = replace(course, trial=new)
-    return replace(new, extra=asked(new, course, (new.start, -new.late)))
+    return new.with_bench(extra=asked(new, course, (new.bench.start, -new.bench.late)))
 
 
 def with_thermometers(
@@ -113,7 +114,7 @@ def _shapes(
             else 0 * log.time
         )
         yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
-    yield "gain", course.forced, trial.narrow.get("gain", SHARE)
+    yield "gain", course.forced, trial.bench.narrow.get("gain", SHARE)
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:  # the last, as `model.likelihood` has its prior
         yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error

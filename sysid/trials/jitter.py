@@ -58,7 +58,7 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
     across = left * towards
     if not _suspect(across, size * weight):
         return None
-    made = course.design()[used] * trial.turn * towards[:, None]
+    made = course.design()[used] * trial.bench.turn * towards[:, None]
     real = np.concatenate([made, 1j * made], axis=1)
     basis = orthonormal(np.concatenate([real.real, real.imag]), ALIKE).T
     power = float(np.linalg.norm(across))
@@ -86,7 +86,7 @@ def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter)
     """The share of the stated information on G, tau and f0 that is left; the least of those that the log
     shows at all (no decay shows G), at most 1."""
     used = trial.noise.used
-    made = (course.design() * trial.turn)[used].T
+    made = (course.design() * trial.bench.turn)[used].T
     made = np.concatenate([made, 1j * made])
     plant = [
         0,

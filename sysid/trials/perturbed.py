@@ -62,7 +62,7 @@ class Course:
         """(M,) omega0 - omega of each interval, rad/s; zero where no frequency is recorded."""
         hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
         if self.trial.tied:
-            shift = self.trial.resonance - drift * self.warming
+            shift = self.trial.bench.resonance - drift * self.warming
         found = 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
         return np.where(np.isfinite(hold.omega), found, 0.0)
 
@@ -76,7 +76,7 @@ class Course:
         """By how many degC the plate is warmer than read, where the log has a resonance of its own."""
         drift = self.theta[3]
         return (
-            (self.trial.resonance - self.theta[2]) / drift - self.warming
+            (self.trial.bench.resonance - self.theta[2]) / drift - self.warming
             if self.trial.tied and drift
             else 0.0
         )
@@ -131,8 +131,8 @@ class Course:
     @cached_property
     def plate(self) -> np.ndarray:
         """What an amplitude shows the size of: response, start and an offset."""
-        alongside = 0.0 if self.trial.alongside is None else self.trial.alongside
-        return self.forced + self.trial.start * self.free + self.trial.offset + alongside
+        bench = self.trial.bench
+        return self.forced + bench.start * self.free + bench.offset + bench.moves
 
     def driven(self, drive: np.ndarray) -> np.ndarray:
         """Response to another drive (M,), V."""
@@ -196,12 +196,12 @@ class Course:
         """(n, K) derivatives of this log by all that the fit can adjust, plant and nuisances; real or complex
         as its coefficients are."""
         trial = self.trial
-        shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.start)]
+        shapes = [self.forced, self.changed(np.ones(len(self.hold.drive)), trial.bench.start)]
         if not trial.steady:
             shapes += [self.rate, *([self.free] if trial.start_free else [])]
         if trial.signed:
             return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
-        shapes += [np.ones(len(self.forced))] if trial.standing else []
+        shapes += [np.ones(len(self.forced))] if trial.bench.standing else []
         towards = rice.towards(self.plate, trial.lift)
         made = [towards * s * turn for s in shapes for turn in (1, 1j)]
         # What is turned by a right angle from the response adds nothing but rounding, which is no shape.

@@ -34,10 +34,9 @@ def update(
             turn = complex(detail.turn[k])
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
             floor, late = float(detail.floor[k]), float(detail.late[k])
-            offset = complex(detail.offset[k]) if trials[i].alongside is None else 0.0
-            new = replace(
-                _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_), turn=turn
-            )
+            offset = complex(detail.offset[k]) if trials[i].bench.alongside is None else 0.0
+            new = _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_)
+            new = new.with_bench(turn=turn)
             new = (
                 renewed(new, courses[i], np.asarray(detail.extra[k]))
                 .floored(driven, models[i])
@@ -65,8 +64,8 @@ def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
     """How far a resonance of the log's own has moved, in errors of its thermometer; 1 where it is new."""
     if not trial.tied:
         return float(new.tied)
-    return abs(new.resonance - trial.resonance) / (
-        abs(k_T) * trial.extra["thermometer"].prior + np.finfo(float).tiny
+    return abs(new.bench.resonance - trial.bench.resonance) / (
+        abs(k_T) * trial.bench.extra["thermometer"].prior + np.finfo(float).tiny
     )
 
 
@@ -119,15 +118,14 @@ def _renew(
     new = heard(trial, trial.as_recorded(model), course, floor, round_)
     late = late * trial.lateness / trial.looseness
     if trial.signed:
-        return replace(new, start=start, late=late)
+        return new.with_bench(start=start, late=late)
     if round_ > HELD:  # linear only about where they are, they may circle as well: ever shorter steps
-        share = 1 / (round_ - HELD + 1)
-        start, late = share * start + (1 - share) * trial.start, share * late + (1 - share) * trial.late
-        offset = share * offset + (1 - share) * trial.offset
+        share, before = 1 / (round_ - HELD + 1), trial.bench
+        start, late = share * start + (1 - share) * before.start, share * late + (1 - share) * before.late
+        offset = share * offset + (1 - share) * before.offset
     # Rice: noise alone lifts the mean of w^2 by its variance; a free floor holds whatever else is there, but
     # for an offset.
-    free = new.floor_free and not trial.floor_held and floor > 0
+    free = new.bench.floor_free and not trial.floor_held and floor > 0
     held = (1 - new.noise.share if trial.floor_held else 1e-6) * new.noise.std**2
-    return replace(
-        new, start=start, late=late, offset=offset, floor=floor if free else held, floor_free=bool(free)
-    )
+    floor = floor if free else held
+    return new.with_bench(start=start, late=late, offset=offset, floor=floor, floor_free=bool(free))

@@ -84,8 +84,11 @@ def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tu
         or trial.noise.time > 0
     ):
         return still
-    rate = course.rate + trial.start * course.pole * course.free
-    rate = trial.turn * rate if trial.signed else (rice.towards(course.plate, trial.lift) * rate).real + 0j
+    rate = course.rate + trial.bench.start * course.pole * course.free
+    if trial.signed:
+        rate = trial.bench.turn * rate
+    else:
+        rate = (rice.towards(course.plate, trial.lift) * rate).real + 0j
     if not 0 < round_ < HELD or not _is_noise(trial, model):
         return (trial.noise.scatter, np.abs(rate)) if trial.noise.scatter else still
     first = np.searchsorted(trial.inputs.interval, trial.inputs.interval)

@@ -1,9 +1,9 @@
-"""A `Trial`: one log as it is read, with the current estimates of its noise (`trials.whitening`) and of what
-the bench added."""
+"""A `Trial`: a `Record` with the current estimates of its noise (`trials.whitening`) and of what the bench
+added (`trials.bench`)."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +12,10 @@ from sysid.model import rice
 from sysid.model.plant import smoothed
 from sysid.rows import rounding
 from sysid.rows.hold import Hold
-from sysid.rows.prepare import OFFSET_UNITS, from_rest, one_level, prepare
+from sysid.rows.prepare import OFFSET_UNITS, prepare
+from sysid.trials.bench import Bench
 from sysid.trials.noise import Level
+from sysid.trials.record import Record, scale_of
 from sysid.trials.whitening import Noise, clock_of, joined, uneven, whitened
 
 NUISANCES = ("rotation", "background", "offset", "start", "late", "thermometer")
@@ -30,54 +32,17 @@ DECIBEL = {
 }  # share of the noise of a log in dB proportional to the response, at first
 
 
-class Extra(NamedTuple):
-    """An effect of `trials.extra`: its `shape` (n,) per unit of its number, not turned by the demodulator,
-    and the number's prior std."""
-
-    shape: np.ndarray
-    prior: float
-
-
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """One log as it is read, with the current estimates of its noise and of what the bench added."""
+class Trial(Record):
+    """One log as it is read, with what is known at present of its noise and of its bench."""
 
-    log: Log  # condensed where it is long
-    kind: str  # "transient" | "steady"
-    inputs: Hold = field(repr=False)  # with offsets from 0 Hz and 0 degC
-    there: np.ndarray = field(repr=False)  # rows that hold a signal
-    noise: Noise  # as it is known at present
-    nuisances: tuple[str, ...] = NUISANCES
-    spacing: float = 0.0  # s, from row to row of the file
-    gap: float = 0.0  # s, the longest without a row in which an input changed, who knows when
-    dark: int = 0  # rows of the file that hold no signal
-    spoilt: tuple[int, ...] = ()  # and those that a recorder spoilt
-    most: int = 0  # rows, if condensed no more than a filter asks for
-    rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
-    steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
-    whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
-    # What the bench added, as it is known at present.
-    start: complex = 0.0  # in the plate's frame
-    offset: complex = 0.0  # of d and q, under an amplitude, in the plate's frame
-    standing: bool = False  # there is one
-    alongside: np.ndarray | None = field(
-        default=None, repr=False
-    )  # (n,) of a sweep: what else moves, in the plate's frame
-    floor: float = 0.0  # of an amplitude log, response squared
-    floor_free: bool = True  # until the data want it below zero
-    late: float = 0.0  # s, by which the response is late
-    resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
-    under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of floor adds to a sweep
-    narrow: dict[str, float] = field(
-        default_factory=dict
-    )  # standard deviations of priors that are narrower than usual
-    extra: dict[str, Extra] = field(
-        default_factory=dict, repr=False
-    )  # what else may have been done to it, at the present plate
-    filter: tuple[complex, int] | None = (
-        None  # time constant (s) and poles of a lock-in's that is fitted; or `SECOND`
-    )
-    turn: complex = 1.0  # by what the plate's response is turned; times its gain, where that is the log's own
+    noise: Noise = field(kw_only=True)
+    bench: Bench = field(default_factory=Bench)
+    nuisances: tuple[str, ...] = NUISANCES  # what the bench may have added
+
+    def with_bench(self, **found: Any) -> "Trial":
+        """With these of what the bench added."""
+        return replace(self, bench=replace(self.bench, **found))
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
@@ -92,7 +57,7 @@ class Trial:
             and rice.rectified(log)
         )
         share = DECIBEL[kind] if log.relative_noise else 0.0
-        level, spread = UNKNOWN * _scale(read.log.response), uneven(share, read.log.response)
+        level, spread = UNKNOWN * scale_of(read.log.response), uneven(share, read.log.response)
         stated = _stated(read.log, log)
         noise = Noise(
             clock_of(read.log), read.count, read.there, level, share=share, spread=spread, stated=stated
@@ -102,8 +67,6 @@ class Trial:
             kind,
             read.inputs,
             read.there,
-            noise,
-            nuisances,
             spacing,
             gap=read.gap,
             dark=read.dark,
@@ -112,6 +75,8 @@ class Trial:
             rectified=rectified,
             whole=log if len(read.log) < len(log) else None,
             steps=() if log.relative_noise or log.std is not None else rounding.steps(log.response),
+            noise=noise,
+            nuisances=nuisances,
         )
 
     def uncondensed(self) -> "Trial":
@@ -132,30 +97,15 @@ class Trial:
         def over(x: np.ndarray | None) -> np.ndarray | None:
             return None if x is None else np.interp(at, now[order], x[order])
 
-        spread, under, alongside = over(self.noise.spread), over(self.under), over(self.alongside)
+        spread, under, alongside = over(self.noise.spread), over(self.bench.under), over(self.bench.alongside)
         noise = replace(noise, spread=spread)
         rounded = [
             np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None
         ]
         if rounded:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
-        new = replace(self, extra={}, under=under, alongside=alongside)
+        new = self.with_bench(extra={}, under=under, alongside=alongside)
         return replace(new, log=read.log, inputs=read.inputs, noise=noise, there=read.there, whole=None)
-
-    @property
-    def steady(self) -> bool:
-        return self.kind == "steady"
-
-    @cached_property
-    def scale(self) -> float:
-        """Largest magnitude of the response."""
-        return _scale(self.log.response)
-
-    @property
-    def undriven_sweep(self) -> bool:
-        """Amplitudes over frequency without a drive, like the spectrum of a plate moved by its own noise:
-        they scatter in proportion to their size, by half if none are averaged."""
-        return self.steady and self.resonant and not self.signed and self.log.drive is None
 
     @property
     def lift(self) -> float:
@@ -163,7 +113,7 @@ class Trial:
         the log has a gain of its own."""
         if self.steady and self.log.drive is None:
             return FLOOR * self.scale**2
-        return self.floor or (1e-3 * self.scale) ** 2
+        return self.bench.floor or (1e-3 * self.scale) ** 2
 
     @property
     def rounding(self) -> float:
@@ -171,81 +121,18 @@ class Trial:
         so that its level is known."""
         return 1.0 if self.noise.rounded is not None else (FLOOR * self.scale / self.noise.std) ** 2
 
-    @cached_property
-    def silent(self) -> bool:
-        """The response is the same in every row."""
-        return bool(np.all(self.log.response == self.log.response[0]))
-
-    @cached_property
-    def driven(self) -> bool:
-        """A drive is recorded and not zero throughout."""
-        return self.log.drive is not None and bool(np.any(self.log.drive != 0))
-
     @property
     def floor_held(self) -> bool:
         """The floor of an amplitude is its noise's: of a settled sweep, and of a ring-down alone on an
         offset, whose every row shows that. In a step the offset's direction may be where what it adds has its
         largest; the free floor holds the rest."""
-        return self.steady or (self.standing and not self.driven)
-
-    @property
-    def resonant(self) -> bool:
-        """An excitation frequency is recorded."""
-        return self.log.frequency is not None
-
-    @property
-    def swept(self) -> bool:
-        """Settled points of a sweep, whose neighbours are those of the next frequency."""
-        return self.steady and self.resonant and bool(np.ptp(self.log.frequency) > 0)
-
-    @cached_property
-    def touched(self) -> bool:
-        """A finger's force is recorded."""
-        return bool(np.any(self.inputs.contact))
-
-    @cached_property
-    def slowed(self) -> bool:
-        """What damps the plate changes within the log, besides a finger."""
-        return bool(np.any(self.inputs.damped != 1))
-
-    @cached_property
-    def signed(self) -> bool:
-        """d/q rows, or the signed output of a first-order plant: linear in all that the bench adds."""
-        return not self.log.amplitude_only or not (self.resonant or self.log.relative_noise or self.rectified)
+        return self.steady or (self.bench.standing and not self.driven)
 
     @property
     def turned(self) -> bool:
         """The demodulator may have turned d and q; a decay begins at any angle."""
         decays = not (self.steady or self.driven)
         return "rotation" in self.nuisances and not (self.log.amplitude_only or decays)
-
-    @property
-    def channels(self) -> int:
-        """2 for d/q rows, 1 for real ones."""
-        return 2 if np.iscomplexobj(self.log.response) else 1
-
-    @cached_property
-    def one_level(self) -> bool:
-        """A transient whose inputs never change."""
-        return not self.steady and one_level(self.log)
-
-    @cached_property
-    def from_rest(self) -> bool:
-        """A transient of one level that is read as a step at the first row."""
-        return not self.steady and from_rest(self.log)
-
-    @property
-    def since_change(self) -> np.ndarray:
-        """Seconds since the inputs of each row of a transient last changed."""
-        hold = self.inputs
-        return np.where(
-            hold.interval > 0, hold.elapsed, hold.elapsed if self.from_rest or not self.driven else np.inf
-        )
-
-    @property
-    def changes(self) -> int:
-        """How often the inputs of a transient change."""
-        return len(self.inputs.drive) - 1
 
     @cached_property
     def start_free(self) -> bool:
@@ -271,26 +158,13 @@ class Trial:
             return False
         return not self.resonant or bool(np.ptp(self.log.frequency) == 0)
 
-    @property
-    def lost(self) -> int:
-        """Number of rows that hold no signal, or were spoilt; other rows that are left out are outliers."""
-        return int(np.sum(~self.there))
-
-    def as_recorded(self, model: np.ndarray) -> np.ndarray:
-        """Modelled rows (n,), real where the log's are."""
-        return model.real if self.log.amplitude_only else model
-
-    def residual(self, model: np.ndarray) -> np.ndarray:
-        """(n,) recorded - modelled; zero where there is no signal."""
-        return np.where(self.there, self.log.response - self.as_recorded(model), 0.0)
-
     @cached_property
     def shapes(self) -> dict[str, np.ndarray]:
         """Known shapes (n,) of what the bench adds, by name: an offset; feedthrough of the drive and, over a
         sweep, its slope (per Hz); a baseline that drifts (per s); what a lock-in's filter still holds from
         before a log that begins amid a drive."""
-        if self.under is not None:
-            return {"floor": self.under}
+        if self.bench.under is not None:
+            return {"floor": self.bench.under}
         if not self.signed or (not self.driven and self.steady and not self.resonant):
             return {}
         drive, n = self.inputs.drive[self.inputs.interval], len(self.log)
@@ -301,7 +175,7 @@ class Trial:
                 shapes["feedthrough"] = drive
                 if n >= SLOPED:
                     shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
-            if background and self.at_one_frequency and "feedthrough" in self.narrow:
+            if background and self.at_one_frequency and "feedthrough" in self.bench.narrow:
                 shapes["feedthrough"] = drive
             if offset and np.ptp(drive) > 0:
                 shapes["offset"] = np.ones(n)
@@ -346,7 +220,7 @@ class Trial:
         `looseness`."""
         return {
             name: e.shape * (e.prior / self.looseness)
-            for name, e in self.extra.items()
+            for name, e in self.bench.extra.items()
             if name in self.nuisances
         }
 
@@ -354,7 +228,7 @@ class Trial:
     def tied(self) -> bool:
         """The log has a resonance of its own, tied to those of the other logs only by the error of its
         thermometer."""
-        return self.resonance is not None and "thermometer" in self.nuisances
+        return self.bench.resonance is not None and "thermometer" in self.nuisances
 
     @property
     def looseness(self) -> float:
@@ -365,8 +239,8 @@ class Trial:
     def smoothing(self) -> tuple[complex, int]:
         """Time constant (s) and number of poles of the lock-in's filter, stated or fitted; (0, 0) where it
         does not matter."""
-        if self.filter is not None:
-            return self.filter
+        if self.bench.filter is not None:
+            return self.bench.filter
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
         return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
 
@@ -377,8 +251,8 @@ class Trial:
         if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
             return 0.0
         row = self.gap if "delay_s" in self.log.bench else max(self.spacing, self.gap)
-        usual = float(np.hypot(row, self._radian))
-        return min(usual, self.narrow.get("lateness", np.inf))
+        usual = float(np.hypot(row, self.radian))
+        return min(usual, self.bench.narrow.get("lateness", np.inf))
 
     @cached_property
     def sideways(self) -> float:
@@ -386,18 +260,13 @@ class Trial:
         and the carrier's phase is within a radian; using this makes G and tau several times more accurate
         over a sweep. In a step it brings nothing, and 1 is faster."""
         swept = self.resonant and not self.log.amplitude_only and np.ptp(self.log.frequency) > 0
-        return min(self._radian / self.lateness, 1.0) if swept and self.lateness else 1.0
-
-    @property
-    def _radian(self) -> float:
-        """Time (s) in which the carrier turns by a radian; 0 where no frequency is recorded."""
-        highest = float(np.max(self.log.frequency)) if self.resonant else 0.0
-        return 1 / (2 * np.pi * highest) if highest else 0.0
+        return min(self.radian / self.lateness, 1.0) if swept and self.lateness else 1.0
 
     def prior(self, shape: str) -> float:
         """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the
         response. That of `extra` is in its shape, as `extra_columns` has it."""
-        return self.looseness if shape in self.extra else min(self.looseness, self.narrow.get(shape, np.inf))
+        narrow = np.inf if shape in self.bench.extra else self.bench.narrow.get(shape, np.inf)
+        return min(self.looseness, narrow)
 
     @property
     def started(self) -> float:
@@ -433,9 +302,8 @@ class Trial:
         if not self.steady or self.signed or self.log.drive is None:
             return self
         under, error = rice.by_floor(plate, self.lift), 2 * self.noise.relative_error(numbers_left(self))
-        return replace(
-            self, under=under, narrow=self.narrow | {"floor": self.lift * error * float(np.max(under))}
-        )
+        narrow = self.bench.narrow | {"floor": self.lift * error * float(np.max(under))}
+        return self.with_bench(under=under, narrow=narrow)
 
     def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
         """An undriven sweep with the floor that it shows; `plate` (n,) are the plate's modelled rows, `model`
@@ -446,9 +314,9 @@ class Trial:
         """
         if not self.undriven_sweep or "background" not in self.nuisances:
             return self
-        size, before = np.abs(plate), self.under
+        size, before = np.abs(plate), self.bench.under
         floor = 0.0 if before is None else float((model.real - size) @ before / (before @ before))
-        return replace(self, floor=floor, under=1 / (np.sqrt(size**2 + max(floor, self.lift)) + size))
+        return self.with_bench(floor=floor, under=1 / (np.sqrt(size**2 + max(floor, self.lift)) + size))
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
@@ -474,7 +342,7 @@ def numbers_left(trial: Trial) -> int:
     """Real numbers in a log, less those of its nuisances."""
     columns, late = len(trial.columns), trial.lateness > 0
     if trial.log.amplitude_only:
-        columns += 2 * trial.start_free + 2 * trial.standing + (not trial.floor_held)
+        columns += 2 * trial.start_free + 2 * trial.bench.standing + (not trial.floor_held)
         return len(trial.log) - trial.noise.left_out - columns - late
     columns += len(trial.extra_columns)
     taken = (
@@ -501,7 +369,3 @@ def _stated(log: Log, whole: Log) -> np.ndarray | None:
     """(n,) noise of each row over the median of the whole log's, as it states them; None where it states
     none."""
     return None if log.std is None else log.std / np.median(whole.std)
-
-
-def _scale(response: np.ndarray) -> float:
-    return float(np.max(np.abs(response))) or 1.0

@@ -77,10 +77,9 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     unit, drive = trial.log.response_unit, trial.log.drive_unit if trial.log.drive is not None else None
     kind, _, channel = name.partition("_")
     real = not np.iscomplexobj(trial.log.response)
-    if kind in trial.extra and channel:
-        return (
-            None if channel == "q" else _Shown(kind, UNITS[kind], trial.extra[kind].prior / trial.looseness)
-        )
+    if kind in trial.bench.extra and channel:
+        scale = trial.bench.extra[kind].prior / trial.looseness
+        return None if channel == "q" else _Shown(kind, UNITS[kind], scale)
     if kind in ("gain", "floor") or kind.startswith("memory") or (real and channel == "q"):
         return None
     shown = kind if real else name
@@ -89,7 +88,7 @@ def _shown(name: str, trial: Trial) -> _Shown | None:
     if kind == "late":
         factor = trial.lateness / (trial.looseness if channel else trial.lateness)
         return None if channel == "q" else _Shown("delay", "s", factor)
-    if kind == "start" or trial.standing:  # of an amplitude
+    if kind == "start" or trial.bench.standing:  # of an amplitude
         return _Shown(shown, unit, 1.0)
     per_drive, per_both = (f"{unit}/{drive}", f"{unit}/({drive} Hz)") if drive else (unit, f"{unit}/Hz")
     per = {"offset": unit, "feedthrough": per_drive, "slope": per_both, "baseline": f"{unit}/s"}[kind]

@@ -56,7 +56,7 @@ def tightened(state: State, reference: tuple[float, float], names: Sequence[str]
         both = [pair.both(views[i], state.covariance) for i in held]
         units = [pair.unit(views[i]) for i in held]
         for i, size, unit in zip(held, pair.sizes(both, units), units, strict=True):
-            trials[i] = replace(trials[i], narrow=trials[i].narrow | pair.priors(size, unit))
+            trials[i] = trials[i].with_bench(narrow=trials[i].bench.narrow | pair.priors(size, unit))
     return tuple(trials)
 
 
@@ -78,7 +78,7 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
         return state.trials
     size = float(np.sqrt(np.mean(squares)))
     return tuple(
-        replace(t, narrow={**t.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))})
+        t.with_bench(narrow={**t.bench.narrow, "feedthrough": size * float(np.max(np.abs(t.log.drive)))})
         if t.at_one_frequency
         else t
         for t in state.trials
@@ -87,7 +87,7 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
 
 def loosened(trial: Trial) -> Trial:
     """The trial with the wide priors that it has beside other logs."""
-    return replace(trial, narrow={})
+    return trial.with_bench(narrow={})
 
 
 def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
@@ -108,9 +108,8 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
     views = []
     for trial, model in zip(state.trials, state.models, strict=True):
         kept = tuple(n for n in trial.nuisances if n not in names)
-        without = replace(
-            trial, nuisances=kept, extra={n: shape for n, shape in trial.extra.items() if n not in names}
-        )
+        extra = {n: shape for n, shape in trial.bench.extra.items() if n not in names}
+        without = replace(trial, nuisances=kept).with_bench(extra=extra)
         views.append(View(without, model, state, reference, coloured=True))
     index = [NAMES.index(n) for n in free]
     variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])

@@ -137,14 +137,14 @@ class _Logs:
 def _can_hold(trial: Trial, nuisance: str) -> bool:
     if nuisance == "rotation":
         return not trial.log.amplitude_only
-    if trial.standing and nuisance == "offset":
+    if trial.bench.standing and nuisance == "offset":
         return True
     if nuisance == "start":
         return trial.start_free
     if nuisance == "late":
         return trial.lateness > 0
     if nuisance in UNITS:
-        return nuisance in trial.extra
+        return nuisance in trial.bench.extra
     return len(replace(trial, nuisances=(nuisance,)).columns) > 0
 
 
@@ -153,9 +153,9 @@ def _left(view: View, kept: tuple[str, ...], physics: str) -> np.ndarray:
     trial, log, course = view.trial, view.trial.log, view.course
     if not trial.signed:
         started = "start" in trial.nuisances and "start" not in kept
-        if trial.standing and "offset" not in kept:
-            return log.response - np.abs(course.forced if started else course.plate - trial.offset)
-        return log.response - np.abs(course.forced + trial.offset) if started else view.residual
+        if trial.bench.standing and "offset" not in kept:
+            return log.response - np.abs(course.forced if started else course.plate - trial.bench.offset)
+        return log.response - np.abs(course.forced + trial.bench.offset) if started else view.residual
     turn = view.turn if "rotation" in kept else 1.0
     if physics == "exact":
         return log.response - turn * (view.model - view.bench) / view.turn

@@ -56,8 +56,9 @@ def resting(
 def _on_a_floor(view: View) -> View:
     """The amplitudes of a driven sweep on a floor that is as free as in one without a drive: whether a
     reading decides does not hang on a drive that somebody wrote down."""
-    loose = view.trial.looseness**2 / float(np.max(view.trial.under)) if view.trial.under is not None else 0.0
-    if view.trial.steady and not view.trial.signed and loose:
+    trial, under = view.trial, view.trial.bench.under
+    if trial.steady and not trial.signed and under is not None:
+        loose = trial.looseness**2 / float(np.max(under))
         view.columns = [c._replace(prior=loose) if c.name == "floor" else c for c in view.columns]
     return view
 

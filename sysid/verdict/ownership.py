@@ -98,7 +98,7 @@ def _half_way(trial: Trial) -> Iterator[Trial]:
 
 def _read(trial: Trial, log: Log) -> Trial:
     """The trial with its rows read as those of `log`."""
-    return replace(Trial.of(log, trial.kind, trial.nuisances), start=trial.start)
+    return Trial.of(log, trial.kind, trial.nuisances).with_bench(start=trial.bench.start)
 
 
 def _refined(minimiser: Minimiser, state: State, i: int, trial: Trial) -> State:

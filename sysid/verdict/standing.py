@@ -71,7 +71,8 @@ def _as_amplitude(trial: Trial) -> Trial:
     if not signed or log.response_unit in OFFSET_UNITS or np.min(log.response) <= 0:
         return trial
     new = replace(trial, rectified=True)
-    return replace(new, start=complex(np.mean(log.response[:3]))) if new.start_free and not new.begun else new
+    begins = new.start_free and not new.begun
+    return new.with_bench(start=complex(np.mean(log.response[:3]))) if begins else new
 
 
 def _at_rest(trial: Trial, tau: float) -> _Rest | None:
@@ -110,10 +111,10 @@ def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
     prompt = tuple(n for n in trial.nuisances if n != "late" or trial.resonant)
 
     def begun(turn: complex) -> tuple[Trial, ...]:
-        new = replace(
-            trial, standing=True, offset=rest.size * turn, narrow=trial.narrow | {"offset": rest.size}
+        narrow, known = trial.bench.narrow | {"offset": rest.size}, {"standing": True, "floor_free": True}
+        new = replace(trial, nuisances=prompt).with_bench(
+            **known, offset=rest.size * turn, narrow=narrow, floor=rest.noise**2, late=0.0
         )
-        new = replace(new, floor=rest.noise**2, floor_free=True, late=0.0, nuisances=prompt)
         return _with(state.trials, i, with_noise(new, rest.noise, 0.0))
 
     best = min((minimiser.refine(begun(turn), state.theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
@@ -146,7 +147,7 @@ def _moved(before: State, after: State) -> float:
 
 
 def _said(trial: Trial) -> str:
-    share = 100 * abs(trial.offset) / trial.scale
+    share = 100 * abs(trial.bench.offset) / trial.scale
     return (
         f"{trial.log.name}: an offset of d and q seems to lie under the amplitude, of {share:.2g} % of the"
         f" response, and is"

@@ -96,7 +96,7 @@ def _background(i: int, view: View) -> Iterator[Term]:
 
 def _under_amplitude(i: int, view: View) -> Iterator[Term]:
     """An offset o of d and q of which an amplitude |W + o| is all that was recorded."""
-    if view.trial.signed or view.trial.standing:
+    if view.trial.signed or view.trial.bench.standing:
         return
     constant = np.ones(len(view.plate), complex)
     shapes = view.observed(np.stack([constant, 1j * constant])).T

@@ -73,8 +73,8 @@ def with_delays(state: State, reference: tuple[float, float]) -> Delays:
     for i, share in shares.items():
         if share.all:
             nuisances = tuple(dict.fromkeys((*trials[i].nuisances, "gain")))
-            narrow = trials[i].narrow | {"gain": abs(share.size.real) * np.sqrt(held)}
-            trials[i] = replace(trials[i], nuisances=nuisances, narrow=narrow)
+            narrow = trials[i].bench.narrow | {"gain": abs(share.size.real) * np.sqrt(held)}
+            trials[i] = replace(trials[i], nuisances=nuisances).with_bench(narrow=narrow)
     alike: dict[tuple[Share, float | None], list[str]] = {}
     for i, share in shares.items():
         alike.setdefault((share, trials[i].log.bench.get("delay_s")), []).append(trials[i].log.name)

@@ -49,8 +49,8 @@ class View:
     ):
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
         self.reference = reference
-        size = abs(trial.turn)
-        self.turn, self.own = trial.turn / (size or 1.0), size if trial.log.drive is None and size else 1.0
+        size = abs(trial.bench.turn) or 1.0
+        self.turn, self.own = trial.bench.turn / size, size if trial.log.drive is None else 1.0
         self._whitening = trial.noise.whitening(coloured=coloured)
         self.n = len(self._whitening[0])
         self.course = Course.of(trial, reference, state.theta)
@@ -97,12 +97,11 @@ class View:
 
     def _in_amplitude(self) -> list[Column]:
         """What the bench may add to amplitudes, linearised about the fit."""
-        trial, c, loose = self.trial, self.course, self.trial.looseness
-        start, self.late = trial.start if trial.start_free else 0.0, trial.late
-        late = -trial.late * (trial.lateness > 0)
+        trial, c, bench, loose = self.trial, self.course, self.trial.bench, self.trial.looseness
+        start, self.late = bench.start if trial.start_free else 0.0, bench.late
+        late = -bench.late * (trial.lateness > 0)
         self.beside = start, late
-        self.plate = self.own * (c.forced + start * c.free + late * c.rate) + trial.offset
-        self.plate = self.plate if trial.alongside is None else self.plate + trial.alongside
+        self.plate = self.own * (c.forced + start * c.free + late * c.rate) + bench.offset + bench.moves
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
         columns = [
@@ -110,18 +109,18 @@ class View:
             Column("start_q", 1j * shape, wide, size * start.imag),
         ]
         columns = columns if trial.start_free else []
-        parts = (("d", 1.0 + 0j, trial.offset.real), ("q", 1j, trial.offset.imag)) if trial.standing else ()
+        parts = (("d", 1.0 + 0j, bench.offset.real), ("q", 1j, bench.offset.imag)) if bench.standing else ()
         columns += [
             Column(f"offset_{n}", by * np.ones(len(c.free)), trial.prior("offset"), value)
             for n, by, value in parts
         ]
-        columns += [Column("late", -c.rate, trial.lateness, trial.late)] if trial.lateness else []
+        columns += [Column("late", -c.rate, trial.lateness, bench.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
             columns.append(Column("gain", np.abs(c.forced), loose, self.own))
         if not trial.steady:
-            return [*columns, Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, trial.floor)]
-        return columns if trial.under is None else [*columns, self._floor(trial.under)]
+            return [*columns, Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, bench.floor)]
+        return columns if bench.under is None else [*columns, self._floor(bench.under)]
 
     def _floor(self, under: np.ndarray) -> Column:
         """Of a sweep: what is fitted of a rise of the amplitudes that is `under` (n,) of a floor."""
@@ -132,7 +131,7 @@ class View:
     def _in_dq(self) -> list[Column]:
         """What the bench may add to Wd and Wq."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
-        forced = self.turn * (self.own * c.forced + (0.0 if trial.alongside is None else trial.alongside))
+        forced = self.turn * (self.own * c.forced + trial.bench.moves)
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
         shapes |= {"start": c.free} if trial.start_free else {}
         # In the plate's own frame: its real part is how late the response is.
@@ -149,7 +148,7 @@ class View:
         target = self.rows(trial.log.response - forced, len(columns))
         there = np.zeros(len(columns))  # of each, what the plate already has: a thermometer's error
         if trial.tied:
-            k, pull = 2 * list(shapes).index("thermometer"), c.warmer / trial.extra["thermometer"].prior
+            k, pull = 2 * list(shapes).index("thermometer"), c.warmer / trial.bench.extra["thermometer"].prior
             target[k - len(columns)], there[k] = -pull, pull * columns[k].prior
         found = self._fitted(columns, target) + there
         columns = [x._replace(value=v) for x, v in zip(columns, found, strict=True)]
@@ -191,11 +190,10 @@ class View:
 
     def modelled(self, trial: Trial) -> np.ndarray:
         """(n,) the plate's part of the log read as `trial`, as it is recorded, less what is recorded."""
-        moved = trial.inputs is not self.trial.inputs or trial.filter is not self.trial.filter
+        moved = trial.inputs is not self.trial.inputs or trial.bench.filter is not self.trial.bench.filter
         course = Course.of(trial, self.reference, self.course.theta) if moved else self.course
         start, late = self.beside
-        plate = self.own * (course.forced + start * course.free + late * course.rate)
-        plate = plate if trial.alongside is None else plate + trial.alongside
+        plate = self.own * (course.forced + start * course.free + late * course.rate) + trial.bench.moves
         return self.observed(plate[None])[0] - trial.log.response
 
     def weighted(self, columns: list[Column]) -> np.ndarray:
