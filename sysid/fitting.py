@@ -181,7 +181,7 @@ def _concluded(question: Question, states: list[State]) -> Fit:
     )
     tight = [unfolded(minimiser, s) for s in tight]
     narrow = conclude(question, tight, hangs(tight[0], minimiser.reference, minimiser.free))
-    if narrow.result is not Result.misfit:
+    if narrow.result is not Result.misfit or not narrow.judged.open:  # whose cause is plain
         return narrow
     wide = conclude(question, states, names)
     return wide if wide.result is Result.misfit else narrow

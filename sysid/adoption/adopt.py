@@ -28,13 +28,12 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import NAMES
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import BETWEEN
-from sysid.verdict.linear import Found
+from sysid.verdict.linear import PROMISES, Found
 from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.unexplained import left_of, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
-PROMISES = 0.1  # of the log likelihood of the best to first order: numbers that are large curve what they do
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
 

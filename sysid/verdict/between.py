@@ -27,7 +27,7 @@ def between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
         yield Term(
             "finger",
             {i: -columns[:, :2].sum(axis=1, keepdims=True)},
-            finger(name, warmer(logs, i)),
+            finger(name, warmer(logs, [i])),
             i,
             between=True,
         )
@@ -39,7 +39,7 @@ def between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
         if (
             "f0" in free and not believed
         ):  # of two, the one whose temperature is not recorded is the one to doubt
-            say = _elsewhere(v, "k_T" in free, any(map(was_read, logs)))
+            say = _elsewhere(v, [log for log in logs if log is not v.trial.log], "k_T" in free)
             yield Term("resonance", {i: columns[:, 2:3]}, say, i, beside=doubted("f0"), between=True)
 
 
@@ -63,12 +63,11 @@ def finger(name: str, warmer: float) -> Callable[[np.ndarray, np.ndarray], str |
     return say
 
 
-def warmer(logs: Sequence[Log], i: int) -> float:
-    """By how many degC the i-th log is warmer than the others on average; 0 where that is not recorded."""
-    others = [float(np.mean(log.temperature)) for k, log in enumerate(logs) if k != i and was_read(log)]
-    return (
-        float(np.mean(logs[i].temperature)) - float(np.mean(others)) if others and was_read(logs[i]) else 0.0
-    )
+def warmer(logs: Sequence[Log], some: Sequence[int]) -> float:
+    """By how many degC some logs are warmer than the others on average; 0 where that is not recorded."""
+    read = {k: float(np.mean(log.temperature)) for k, log in enumerate(logs) if was_read(log)}
+    own, others = ([x for k, x in read.items() if (k in some) is here] for here in (True, False))
+    return float(np.mean(own)) - float(np.mean(others)) if own and others else 0.0
 
 
 def times(x: float) -> str:
@@ -76,44 +75,40 @@ def times(x: float) -> str:
     return f"{1 + x if x > 0 else np.exp(x):.4g} times that"
 
 
-def own(name: str, what: str, about: str) -> str:
-    """Of a log that contradicts the others in `what`, by `about` so much."""
+def own(name: str, what: str, about: str, several: bool = False) -> str:
+    """Of a log, or of `several`, that contradict the others in `what`, by `about` so much."""
+    its, it = ("their", "them") if several else ("its", "it")
     return (
-        f"{name}: {what} contradicts the other logs, about {about} of theirs; check its units, its sensor"
-        f" and its temperature, or"
-        f" leave it out{' (or fit a gain of each log, --effects=+gain)' if what == 'G' else ''}"
+        f"{name}: {what} contradicts the other logs, about {about} of theirs; check {its} units, {its} sensor"
+        f" and {its} temperature, or"
+        f" leave {it} out{' (or fit a gain of each log, --effects=+gain)' if what == 'G' else ''}"
     )
 
 
-def unread(name: str, hertz: float, would: str = "") -> str:
-    """Of a log whose resonance is elsewhere than that of the others, and whose temperature is not known."""
-    about = f"{hertz:+.4g} Hz off that of the other logs"
-    return f"{name}: the resonance is {about}; its temperature is not recorded{would}: record it"
+def elsewhere(name: str, logs: Sequence[Log], others: Sequence[Log], hertz: float, k_T: float) -> str:
+    """Of logs whose resonance is elsewhere than that of the others, and by how much their thermometer would
+    be off if it was that, where k_T (Hz/degC; 0 where none is known) tells."""
+    off = hertz / k_T if k_T else np.inf
+    read = any(map(was_read, logs))
+    if not read and any(map(was_read, others)):
+        would = f", and would be {off:+.2g} degC off what is assumed" if np.isfinite(off) else ""
+        about = f"{hertz:+.4g} Hz off that of the other logs"
+        return f"{name}: the resonance is {about}; its temperature is not recorded{would}: record it"
+    said = own(name, "the resonance", f"{hertz:+.4g} Hz off that", len(logs) > 1)
+    if not read or abs(off) > OFF:
+        return said
+    return (
+        f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how"
+        f" far that may be"
+    )
 
 
 def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndarray, np.ndarray], str]:
     return lambda value, _: own(name, what, put(float(value[0])))
 
 
-def _elsewhere(view: View, warmed: bool, read: bool) -> Callable[[np.ndarray, np.ndarray], str]:
-    """A resonance that contradicts the others, and by how much the thermometer would be off if it was that:
-    `warmed`, k_T is fitted; `read`, some log has a temperature."""
-    name, k_T = view.trial.log.name, float(view.course.theta[3])
-
-    def say(value: np.ndarray, _: np.ndarray) -> str:
-        said = own(name, "the resonance", f"{value[0]:+.4g} Hz off that")
-        off = value[0] / k_T if warmed and k_T else np.inf
-        if read and not was_read(view.trial.log):
-            return unread(
-                name,
-                value[0],
-                f", and would be {off:+.2g} degC off what is assumed" if np.isfinite(off) else "",
-            )
-        if view.trial.log.temperature is None or abs(off) > OFF:
-            return said
-        return (
-            f"{said}; or the plate was {off:+.2g} degC off what was read: state temperature_std_degC, how"
-            f" far that may be"
-        )
-
-    return say
+def _elsewhere(view: View, others: Sequence[Log], warmed: bool) -> Callable[[np.ndarray, np.ndarray], str]:
+    """`warmed`: k_T is fitted."""
+    k_T = float(view.course.theta[3]) if warmed else 0.0
+    log = view.trial.log
+    return lambda value, _: elsewhere(log.name, [log], others, float(value[0]), k_T)

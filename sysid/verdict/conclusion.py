@@ -20,7 +20,7 @@ from sysid.verdict.immediate import responds_at_once
 from sysid.verdict.linear import Found
 from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Misfits, misfits
-from sysid.verdict.odd import odd_one
+from sysid.verdict.odd import odd_ones
 from sysid.verdict.result import Result
 from sysid.verdict.unexplained import left_of, slow
 
@@ -141,16 +141,9 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
         found = [turned, *found]
         wrong, doubts = _described(best, found, FINGER[0] in free)
         return Judged(wrong, doubts, found, looked=looked)
-    between = likely and (likely[0].name in BETWEEN or likely[0].log is None)
-    gain = (
-        likely[0].log if between and likely[0].name == "gain" else None
-    )  # to first order, which of a factor of two says little
-    if (
-        wrong
-        and (not between or gain is not None)
-        and (said := odd_one(question.minimiser, question.trials, best, gain))
-    ):
-        return Judged([Finding("odd", "refused", said)], [], [])
+    alike = likely and likely[0].log is None  # what is in all logs contradicts none
+    if wrong and not alike and (apart := odd_ones(question.minimiser, question.trials, best)):
+        return Judged([apart], [], [])
     described = not (wrong or any(f.certain for f in found) or any(slow(t, best.tau) for t in best.trials))
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
@@ -207,7 +200,8 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
     likely = likeliest(found)
     harmful = any(f.harmful and f.certain for f in likely)
     shown = [f.log for f in found if f.harmful and f.certain]  # something is there, whatever it is
-    named = {f.log: f for f in reversed(likely)}
+    kinds = {f.name for f in likely}  # what is in one log may be in others, and worth less there
+    named = {f.log: f for f in reversed(found) if f.explains and f.name in kinds}
     wrong, doubts = [], []
     for i, trial in enumerate(state.trials):
         if trial.silent:

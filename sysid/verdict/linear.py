@@ -24,6 +24,8 @@ ROUNDED = 1e-10  # of the largest of a term's directions: less is none
 FARAWAY = 4.0  # of these, by what is not seen
 EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
 CHANCE = 3.0  # standard deviations
+# of the log likelihood that the best explanation gains: numbers that are large curve what they do
+PROMISES = 0.1
 MOVES = 2.0  # standard deviations of G, tau or f0
 USUAL = 0.1  # of the response at its largest, that effects make up: much larger ones are found
 

@@ -92,12 +92,13 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     return Misfits(found, doubts, fit, tried)
 
 
-def described(minimiser: Minimiser, state: State) -> bool:
-    """Whether the model describes the logs of a minimum: it leaves out nothing that is certain, and nothing
-    unexplained."""
+def described(minimiser: Minimiser, state: State, beside: float = 0.0) -> bool:
+    """Whether the model describes the logs of a minimum: it leaves out nothing that is certain and worth more
+    than `beside`, in log-likelihood, and nothing unexplained."""
     found = misfits(state, minimiser.reference, minimiser.free, None).found
     left = (left_of(state, i) for i, t in enumerate(state.trials) if not t.silent)
-    return state.converged and not any(f.certain for f in found) and all(x is None or x.noise for x in left)
+    certain = any(f.certain and f.worth > beside for f in found)
+    return state.converged and not certain and all(x is None or x.noise for x in left)
 
 
 def _very_late(i: int, view: View, fit: "Linear") -> Found | None:

@@ -1,11 +1,11 @@
-"""Of logs that one plant does not explain: the one that contradicts the others, and in what.
+"""Of logs that one plant does not explain: those that contradict the others, and in what.
 
-A log that the model describes by itself, beside others that it describes together, holds nothing that the
-model leaves out: it is of another plate, at another temperature, or in other units. That asks for less than
-an effect that would explain it.
+Logs that the model describes by themselves, beside others that it describes as well, are of another plate, at
+another temperature, or in other units: what the two groups leave, if anything, is worth next to nothing
+beside what they gain as two. That asks for less than an effect that would explain it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -13,46 +13,105 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import carried
 from sysid.rows.thermometer import was_read
 from sysid.trials.trial import Trial
-from sysid.verdict.between import finger, own, times, unread, warmer
+from sysid.verdict.between import OFF, elsewhere, finger, own, times, warmer
+from sysid.verdict.finding import Finding
+from sysid.verdict.linear import PROMISES
 from sysid.verdict.misfit import described
 from sysid.verdict.recorder import clipped, touched
 
-APART = 5.0  # standard deviations by which a log has to contradict the others: once in a million
+APART = 5.0  # standard deviations by which logs have to contradict the others: once in a million
 ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
+DIFFER = ("G", "tau", "f0")  # of which G and tau as logarithms
+
+Told = Mapping[str, tuple[np.ndarray, np.ndarray]]  # by name, values (n,) and standard deviations
 
 
-def odd_one(
-    minimiser: Minimiser, trials: Sequence[Trial], together: State, which: int | None = None
-) -> str | None:
-    """A sentence on the log that the fit of all leaves most of, or on `which`, where it and the others are
-    each described well; else None."""
+def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> Finding | None:
+    """The logs, the fewest, that contradict the others, where they and the others are each described well, or
+    next to nothing is left beside what they differ by; all, where each is described by itself; else None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
-    known = [was_read(t.log) for t in trials]
-    i = int(np.argmax([_left(t, m) for t, m in zip(together.trials, together.models, strict=True)]))
-    i = known.index(False) if len(trials) == 2 and sum(known) == 1 else i  # of two either may be the odd one
-    i = i if which is None else which
-    others = (*trials[:i], *trials[i + 1 :])
-    alone, rest = (minimiser.minima(some)[0] for some in ((trials[i],), others))
-    if not (described(minimiser, alone) and described(minimiser, rest)):
-        return None
-    warm = float(np.mean(trials[i].hold(minimiser.reference).warming))
-    said = {
-        "G": ("G", times_of),
-        "tau": ("tau", times_of),
-        "f0": ("the resonance", lambda x: f"{x:+.4g} Hz off that"),
-    }
-    apart = {n: _apart(alone, rest, k, warm) for k, n in enumerate(said) if n in minimiser.free}
+    each = [minimiser.minima((t,))[0] for t in trials] if len(trials) > 2 else []
+    told = _told(minimiser, each, together) if each else {}
+    for odd in _splits(trials, together, told):
+        parts = [[k for k in range(len(trials)) if (k in odd) is own] for own in (True, False)]
+        alone, rest = (minimiser.minima(tuple(trials[k] for k in part))[0] for part in parts)
+        beside = PROMISES * (alone.likelihood + rest.likelihood - together.likelihood)
+        found = _contradiction(minimiser, trials, odd, alone, rest)
+        if found and all(described(minimiser, part, beside) for part in (alone, rest)):
+            return found
+    if (
+        each
+        and (said := _scattered(told, trials, together.theta[3]))
+        and all(described(minimiser, s) for s in each)
+    ):
+        return _found(trials, said)
+    return None
+
+
+def _found(trials: Sequence[Trial], said: str) -> Finding:
+    names = tuple(t.log.name for t in trials)
+    return Finding("odd", "refused", said.format(", ".join(names)), names)
+
+
+def _told(minimiser: Minimiser, each: Sequence[State], together: State) -> Told:
+    """What each log, fitted alone, tells of the parameters, less what all tell of them together there."""
+    warm = [_warmth(minimiser, s.trials) for s in each]
+    found = {}
+    for name in (n for n in DIFFER if n in minimiser.free):
+        values, errors = np.array([_apart(s, together, name, w) for s, w in zip(each, warm, strict=True)]).T
+        found[name] = values, errors
+    return found
+
+
+def _splits(trials: Sequence[Trial], together: State, told: Told) -> list[list[int]]:
+    """The logs that may be odd: the smaller of two groups by what each tells alone, and the one that the fit
+    of all leaves most of. Of two either may be."""
+    left = int(np.argmax([_left(t, m) for t, m in zip(together.trials, together.models, strict=True)]))
+    if len(trials) == 2:
+        known = [was_read(t.log) for t in trials]
+        return [[known.index(False) if sum(known) == 1 else left]]
+    _, fewest = max(_cut(*each) for each in told.values())
+    return [fewest] if fewest == [left] else [fewest, [left]]
+
+
+def _cut(values: np.ndarray, errors: np.ndarray) -> tuple[float, list[int]]:
+    """Values (n,) in the two groups that scatter least: by how much less than all together, and the smaller
+    one."""
+    order = np.argsort(values)
+    cuts = [(order[:k], order[k:]) for k in range(1, len(order))]
+    left = [sum(_scatter(values[x], errors[x]) for x in cut) for cut in cuts]
+    best = cuts[int(np.argmin(left))]
+    return _scatter(values, errors) - min(left), sorted(min(best, key=len).tolist())
+
+
+def _scatter(values: np.ndarray, errors: np.ndarray) -> float:
+    """chi^2 of values (n,) about their mean."""
+    mean = np.average(values, weights=errors**-2.0)
+    return float(np.sum(((values - mean) / errors) ** 2))
+
+
+def _contradiction(
+    minimiser: Minimiser, trials: Sequence[Trial], odd: Sequence[int], alone: State, rest: State
+) -> Finding | None:
+    """What `odd` logs, described by `alone`, are beside the others; None where that may be chance."""
+    some, logs = [trials[k] for k in odd], [t.log for t in trials]
+    others = [log for k, log in enumerate(logs) if k not in odd]
+    warm = _warmth(minimiser, some)
+    apart = {n: _apart(alone, rest, n, warm) for n in DIFFER if n in minimiser.free}
     name = max(apart, key=lambda n: abs(apart[n][0]) / apart[n][1])
     value, error = apart[name]
     if abs(value) < APART * error:
         return None
+    said: str | None
     if touch := _touch(apart):
-        return finger(trials[i].log.name, warmer([t.log for t in trials], i))(np.array([touch]), None)
-    if name == "f0" and not known[i] and any(known):
-        return unread(trials[i].log.name, value)
-    what, about = said[name]
-    return own(trials[i].log.name, what, about(value))
+        said = finger("{}", warmer(logs, odd))(np.array([touch]), None)
+    elif name == "f0":
+        k_T = float(rest.theta[3]) if "k_T" in minimiser.free else 0.0
+        said = elsewhere("{}", [t.log for t in some], others, value, k_T)
+    else:
+        said = own("{}", name, times(float(np.expm1(value)) if value > 0 else value), len(odd) > 1)
+    return None if said is None else _found(some, said)
 
 
 def _touch(apart: dict[str, tuple[float, float]]) -> float:
@@ -64,9 +123,27 @@ def _touch(apart: dict[str, tuple[float, float]]) -> float:
     return float(-np.sum(values / errors**2) / np.sum(errors**-2.0))
 
 
-def times_of(x: float) -> str:
-    """A factor by its logarithm."""
-    return times(float(np.expm1(x)) if x > 0 else x)
+def _scattered(told: Told, trials: Sequence[Trial], k_T: float) -> str | None:
+    """Of logs of which each tells another value of a parameter; None where that may be chance."""
+    name = max(told, key=lambda n: _scatter(*told[n]))
+    (values, errors), hertz = told[name], name == "f0"
+    if _scatter(values, errors) < APART**2 * (len(values) - 1):
+        return None
+    by, error = (x if hertz else 100 * x for x in (np.std(values, ddof=1), np.median(errors)))
+    what, unit = ("the resonance", "Hz") if hertz else (name, "%")
+    or_else = "; or fit a gain of each log, --effects=+gain" if name == "G" else ""
+    if hertz and k_T and by < OFF * abs(k_T) and all(was_read(t.log) for t in trials):
+        or_else = f"; or the plate was {by / abs(k_T):.2g} degC off what was read: state temperature_std_degC"
+    return (
+        f"{{}}: each is described by itself, but {what} differs from one to the next, by {by:.2g} {unit}"
+        f" (standard deviation), and is known to {error:.1g} {unit}; check what was changed between"
+        f" them{or_else}"
+    )
+
+
+def _warmth(minimiser: Minimiser, trials: Sequence[Trial]) -> float:
+    """Mean temperature of logs, in degC above the reference."""
+    return float(np.mean([np.mean(t.hold(minimiser.reference).warming) for t in trials]))
 
 
 def _left(trial: Trial, model: np.ndarray) -> float:
@@ -77,10 +154,9 @@ def _left(trial: Trial, model: np.ndarray) -> float:
     return float(np.sqrt(2 * np.mean(np.abs(left) ** 2) / max(np.mean(np.abs(np.diff(left)) ** 2), 1e-300)))
 
 
-def _apart(alone: State, rest: State, k: int, warm: float) -> tuple[float, float]:
+def _apart(alone: State, rest: State, name: str, warm: float) -> tuple[float, float]:
     """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of
     that."""
-    row = carried(warm)[k]
-    return float(row @ (alone.theta - rest.theta)), float(
-        np.sqrt(row @ (alone.covariance + rest.covariance) @ row)
-    )
+    row = carried(warm)[DIFFER.index(name)]
+    value = row @ (alone.theta - rest.theta)
+    return float(value), float(np.sqrt(row @ (alone.covariance + rest.covariance) @ row))
