@@ -10,7 +10,7 @@ from sysid.logs.log import Log
 from sysid.minimum.guess import candidates
 from sysid.model.prior import NAMES
 from sysid.rows import thermometer
-from sysid.rows.clock import even
+from sysid.rows.clock import even, even_sweep
 from sysid.rows.condense import taken
 from sysid.rows.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
 from sysid.rows.onset import onset
@@ -47,9 +47,12 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
             log = replace(
                 log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench}
             )
-        if log.kind != "steady" and log.time is not None and (found_even := even(log.time)):
-            log = replace(log, time=found_even[0])
-            warnings.append(f"{log.name}: {wording.rounded_stamps(log.time, found_even[1])}")
+        if log.kind != "steady" and log.time is not None and (clock := even(log.time)):
+            log = replace(log, time=clock[0])
+            warnings.append(f"{log.name}: {wording.rounded_stamps(log.time, clock[1])}")
+        if log.kind == "steady" and log.frequency is not None and (scale := even_sweep(log.frequency)):
+            log = replace(log, frequency=scale[0])
+            warnings.append(f"{log.name}: {wording.rounded_frequencies(log.frequency, scale[1])}")
         if (
             log.frequency is not None
             and not np.any(log.frequency)

@@ -7,7 +7,7 @@ from conftest import most, seeds, study
 
 import sysid
 from sysid import Result
-from sysid.rows.clock import even
+from sysid.rows.clock import even, even_sweep
 
 PLANT = reference.Plant(G=1.0, tau=1.67e-3, f0=32300.0, k_T=0.0)
 N, EARLY, DT, LEVEL = 220, 20, 1e-4, 0.005
@@ -83,6 +83,8 @@ def test_stamps_that_were_rounded_are_those_of_an_even_clock(digit, period, roun
         np.sort(3e-4 * np.arange(300) + 1e-4 * np.random.default_rng(0).standard_normal(300)),
         np.append(1e-4 * np.arange(100), 0.01 + 1e-3 * np.arange(200)),  # dense, and then not
         1e-3 * np.rint(0.3 * np.arange(30)),  # the clock is told to 2 %
+        np.delete(1e-4 * np.arange(300), 150),  # a row is lost
+        np.delete(1e-4 * np.arange(300), [75, 225]),
     ],
 )
 def test_other_stamps_are_left_alone(time):
@@ -94,6 +96,15 @@ def test_the_clock_is_told_as_well_as_it_says():
         line, digit = even(1e-3 * np.rint(1e3 * period * np.arange(400)))
         assert digit == pytest.approx(1e-3)
         assert np.mean(np.diff(line)) == pytest.approx(period, rel=2e-3)
+
+
+def test_rounded_frequencies_of_a_sweep_up_and_down():
+    up = 25100 + 7.5 * np.arange(81)
+    for path in (up, up[::-1], np.append(up, up[::-1]), np.append(up, up[-2::-1])):
+        found, digit = even_sweep(10 * np.rint(path / 10))
+        assert digit == pytest.approx(10)
+        assert np.max(np.abs(found - path)) < 2.5  # half of the digit at each row, unless it is taken off
+        assert even_sweep(path) is None
 
 
 @pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), study({"delay_s": 0.0}, 1), ({}, 10)])

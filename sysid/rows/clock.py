@@ -1,4 +1,5 @@
-"""Rounded time stamps of an even clock: rows 0.3 ms apart whose stamps are whole milliseconds."""
+"""Rounded values of an even scale: rows 0.3 ms apart whose stamps are whole milliseconds, points 7.5 Hz apart
+whose frequencies are whole tens."""
 
 import numpy as np
 
@@ -6,12 +7,16 @@ LEAST = 20  # rows, of which the clock is told
 ALIKE = 1e-6  # of the longest step, within which two are one
 # digits, by which a line through the stamps may miss them: half of one, and what a line is off by at its ends
 WITHIN = 0.6
-FIRM = 2e-3  # of its period, to which the clock has to be known: half of what tau is told to by a good step
+# rows lost, which lie as evenly as the steps of a clock by chance once in a thousand: the next stamp is then
+# twice as far
+LOST = 5
+# of its period, to which a scale has to be known: half of what tau is told to by a good step, and by a sweep
+FIRM, FIRM_SWEEP = 2e-3, 5e-3
 
 
-def even(time: np.ndarray) -> tuple[np.ndarray, float] | None:
+def even(time: np.ndarray, firm: float = FIRM) -> tuple[np.ndarray, float] | None:
     """The times (n,) of the even clock behind rounded stamps (n,), and the digit (s) they were rounded to;
-    None where the stamps are even already, or show no such clock.
+    None where the stamps are even already, or show no such clock, or where a few rows may be lost instead.
 
     Rounded to a digit q, a period of (m + x) q appears as m q or (m + 1) q between stamps. A line through n
     stamps with rounding errors q/sqrt(12) gives the period to q n^(-3/2).
@@ -19,8 +24,12 @@ def even(time: np.ndarray) -> tuple[np.ndarray, float] | None:
     n = len(time)
     if n < LEAST or time[-1] <= time[0]:
         return None
-    steps = np.unique(np.rint(np.diff(time) / (ALIKE * (np.max(np.diff(time)) or 1.0))))
+    steps, often = np.unique(
+        np.rint(np.diff(time) / (ALIKE * (np.max(np.diff(time)) or 1.0))), return_counts=True
+    )
     if len(steps) != 2 or steps[0] < 0:
+        return None
+    if often[1] <= LOST and abs(steps[1] - 2 * steps[0]) <= 1:
         return None
     digit = float(np.diff(steps)[0]) * ALIKE * float(np.max(np.diff(time)))
     power = np.log10(digit)
@@ -29,6 +38,23 @@ def even(time: np.ndarray) -> tuple[np.ndarray, float] | None:
     digit, rows = float(10.0 ** np.rint(power)), np.arange(n)
     period, first = np.polyfit(rows, time, 1)
     line = first + period * rows
-    if np.max(np.abs(time - line)) > WITHIN * digit or digit > FIRM * period * n**1.5:
+    line = line + 0.5 * (np.max(time - line) + np.min(time - line))  # rounding errors may all be of one sign
+    if np.max(np.abs(time - line)) > WITHIN * digit or digit > firm * period * n**1.5:
         return None
     return line, digit
+
+
+def even_sweep(frequency: np.ndarray) -> tuple[np.ndarray, float] | None:
+    """The same of the frequencies (n,) of a sweep (Hz), of all its ways up and down."""
+    way = np.sign(np.diff(frequency))
+    moves = np.flatnonzero(way)
+    turns = moves[1:][np.diff(way[moves]) != 0]  # rows from which it goes back
+    begins = np.where(way[turns - 1] == 0, turns, turns + 1)
+    found, digits = [], []
+    for part in np.split(frequency, begins):
+        falls = part[-1] < part[0]
+        if (line := even(-part if falls else part, FIRM_SWEEP)) is None:
+            return None
+        found.append(-line[0] if falls else line[0])
+        digits.append(line[1])
+    return np.concatenate(found), max(digits)

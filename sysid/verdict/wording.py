@@ -97,6 +97,15 @@ def rounded_stamps(time: np.ndarray, digit: float) -> str:
     )
 
 
+def rounded_frequencies(frequency: np.ndarray, digit: float) -> str:
+    """That the frequencies of an even sweep were rounded, and which they are taken to be."""
+    step = float(np.median(np.abs(np.diff(frequency))))
+    return (
+        f"its frequencies are whole multiples of {digit:.4g} Hz; taken as those of even steps of"
+        f" {step:.4g} Hz; write them with more digits"
+    )
+
+
 def stamps_shared(trial: Trial) -> int:
     """How many rows have the time stamp of the row before, those that are left out aside."""
     time = trial.log.time if trial.whole is None else trial.whole.time
