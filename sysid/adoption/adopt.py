@@ -67,7 +67,7 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
         left = misfits(best.state, minimiser.reference, minimiser.free, None)
         wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
-            if any(x.effect.rough for x in best.instances) or _entangled(best):
+            if best.rough or _entangled(best):
                 return Outcome(None, best, adoption.refuted(best), True)
             return Outcome(best)
         cause = adoption.cause(best) or not wrong
@@ -105,6 +105,7 @@ class _Adoption:
                 return done._replace(
                     dispersion=done.dispersion + _between(done, alike),
                     nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
+                    rough=any(x.effect.rough for d in (best, *alike) for x in d.instances),
                     rival=max(others.values(), default=-np.inf),
                 )
         return None

@@ -33,7 +33,8 @@ class Description(NamedTuple):
     """A description with effects: their `numbers` one after another, its state, each one's in its `parts`,
     and these numbers' covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of
     the plant alone; what is known of the logs beforehand; whether its numbers are those of the effects; the
-    names of others that are nearly as likely, and the evidence of the likeliest other."""
+    names of others that are nearly as likely, whether the law of one of them, or of its own, is not known
+    well, and the evidence of the likeliest other."""
 
     instances: tuple[Instance, ...]
     numbers: np.ndarray
@@ -45,6 +46,7 @@ class Description(NamedTuple):
     about: About
     sense: bool
     nearly: tuple[str, ...] = ()
+    rough: bool = False
     rival: float = -np.inf
 
     @property

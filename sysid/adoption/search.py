@@ -163,7 +163,7 @@ class Search:
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
         """- log likelihood of what was recorded and - log prior of the numbers."""
         stretched = sum(
-            x.effect.stretched(self.trials[i], numbers[part])
+            x.effect.stretched(self.trials[i], numbers[part], self.about)
             for x, part in zip(instances, self.parts(instances), strict=True)
             for i in x.where
         )

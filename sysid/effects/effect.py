@@ -96,7 +96,7 @@ class Effect:
     rough: bool = False
     another: bool = False
     afresh: Callable[[Trial], bool] = lambda trial: False
-    stretched: Callable[[Trial, np.ndarray], float] = lambda trial, values: 0.0
+    stretched: Callable[[Trial, np.ndarray, About], float] = lambda trial, values, about: 0.0
     linear: tuple[int, ...] = (0,)
     places: Callable[[Trial, About], np.ndarray] | None = None
     known_as: Sequence[str] = ()

@@ -12,24 +12,35 @@ from sysid.logs.log import Log
 from sysid.trials.trial import Trial
 
 FORGOTTEN = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # time constants of a high-pass in a log
+STEEPEST = 1e-3  # of a slope: less is a sensor that shows nothing
 TAKEN = np.array([0.02, 0.07, 0.2, 0.5])  # of the largest row
 
 
-# Of a log, magnitudes as recorded and what is taken: by what they grow when it is undone, and its slope.
-Law = Callable[[Trial, np.ndarray, float], tuple[np.ndarray, np.ndarray]]
+# Of magnitudes as recorded over the largest, and of what is taken: by what they grow when it is undone, and
+# its slope.
+Law = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 
 
-def _compressed(power: int) -> Law:
-    """y (1 + c (|y|/y_max)^p), c of which is what is taken off the largest row over what is left of it."""
+def _softly(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
+    """L atanh(|y|/L)/|y|, of a limiter L tanh(|W|/L): to first order 1 + c (|y|/y_max)^2, c of which is what
+    is taken off the largest row over what is left of it."""
+    share = np.linspace(0.0, 1.0, 2000)[:-1]  # of L
+    grown = np.append(1.0, np.arctanh(share[1:]) / share[1:])
+    top = float(np.interp(1 + abs(taken), grown, share))
+    x = np.minimum(size, 1.0) * top
+    found = np.divide(np.arctanh(x), x, out=np.ones_like(x), where=x > 0)
+    if taken < 0:  # it grows
+        return 1 / found, (1 - x**2) / found**2
+    return found, 1 / (1 - x**2)
 
-    def undone(trial: Trial, size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
-        share = (size / trial.scale) ** power
-        return 1 + taken * share, 1 + (1 + power) * taken * share
 
-    return undone
+def _hard(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
+    """1 + c (|y|/y_max)^6."""
+    share = size**6
+    return 1 + taken * share, 1 + 7 * taken * share
 
 
-def _clipped(trial: Trial, size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
+def _clipped(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
     """A sensor whose range C ends below the peaks of its carrier: of A sin(x) it shows the fundamental
     y = (2/pi) (A asin(C/A) + C sqrt(1 - C^2/A^2)) (Gelb & Vander Velde, Multiple-Input Describing Functions,
     1968, 2.3)."""
@@ -38,7 +49,7 @@ def _clipped(trial: Trial, size: np.ndarray, taken: float) -> tuple[np.ndarray, 
     slope = 2 / np.pi * (np.arcsin(1 / over) - np.sqrt(1 - over**-2.0) / over)
     share = 1 / (1 + max(taken, 0.0))
     top = float(np.interp(-share, -seen / over, over))
-    relative = size / trial.scale * share * top
+    relative = size * share * top
     beyond = relative > 1
     whole = np.where(beyond, np.interp(relative, seen, over), relative)
     steeper = np.where(beyond, 1 / np.interp(whole, over, np.maximum(slope, 1e-3)), 1.0)
@@ -46,29 +57,30 @@ def _clipped(trial: Trial, size: np.ndarray, taken: float) -> tuple[np.ndarray, 
 
 
 def _saturated(law: Law, each: bool) -> Effect:
-    """What a channel that saturates takes off the largest row, as a share of what is left of it; undone in
-    each channel by itself or by the magnitude. For a log of noise s per row the density of the recorded rows
-    is that of the undone ones times the derivative of what undoes them."""
+    """What a channel that saturates takes off the largest row of all logs, as a share of what is left of it;
+    undone in each channel by itself or by the magnitude. The noise of the recorder comes behind it, and grows
+    with the slopes; the density of the recorded rows is that of the undone ones times these."""
+
+    def undone(y: np.ndarray, values: np.ndarray, about: About) -> tuple[np.ndarray, np.ndarray]:
+        """(n,) the response before, and the slopes of a row's channels, multiplied."""
+        taken = float(values[0])
+        if each and np.iscomplexobj(y):
+            (d, along), (q, across) = (law(np.abs(part) / about.top, taken) for part in (y.real, y.imag))
+            grown, slopes = (y.real * d + 1j * y.imag * q), along * across
+        else:
+            by, slope = law(np.abs(y) / about.top, taken)
+            grown, slopes = y * by, slope * by if np.iscomplexobj(y) else slope
+        return grown, np.maximum(slopes, STEEPEST)
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        y, taken = trial.log.response, float(values[0])
-        if each and np.iscomplexobj(y):
-            undone = (
-                y.real * law(trial, np.abs(y.real), taken)[0]
-                + 1j * y.imag * law(trial, np.abs(y.imag), taken)[0]
-            )
-        else:
-            undone = y * law(trial, np.abs(y), taken)[0]
-        return replace(trial, log=replace(trial.log, response=undone))
+        response, slopes = undone(trial.log.response, values, about)
+        wider, noise = slopes ** (1 / trial.channels), trial.noise
+        spread = wider if noise.spread is None else noise.spread * wider
+        log = replace(trial.log, response=response)
+        return replace(trial, log=log, noise=replace(noise, spread=spread))
 
-    def stretched(trial: Trial, values: np.ndarray) -> float:
-        y, taken = trial.log.response[trial.noise.used], float(values[0])
-        if each and np.iscomplexobj(y):
-            slopes = np.concatenate([law(trial, np.abs(part), taken)[1] for part in (y.real, y.imag)])
-        else:  # along the response and, where it is complex, across it
-            grown, slopes = law(trial, np.abs(y), taken)
-            slopes = slopes * grown if np.iscomplexobj(y) else slopes
-        return float(np.sum(np.log(np.maximum(slopes, 1e-300))))
+    def stretched(trial: Trial, values: np.ndarray, about: About) -> float:
+        return float(np.sum(np.log(undone(trial.log.response[trial.noise.used], values, about)[1])))
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         taken, what = found["taken"], "each channel" if each else "the response"
@@ -94,12 +106,13 @@ def _saturated(law: Law, each: bool) -> Effect:
         },
         said=said,
         makes_sense=positive,
+        scope="bench",
     )
 
 
 # softly, and as a clip does, of d and q or of the carrier
 SATURATIONS = (
-    *(_saturated(_compressed(power), each) for power in (2, 6) for each in (False, True)),
+    *(_saturated(law, each) for law in (_softly, _hard) for each in (False, True)),
     _saturated(_clipped, False),
 )
 
