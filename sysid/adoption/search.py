@@ -73,7 +73,9 @@ class Search:
     """For the numbers of effects beside a minimum."""
 
     def __init__(self, minimiser: Minimiser, state: State, about: About | None = None):
-        self.minimiser, self.alone = minimiser, state
+        # What a plate that is not described seems to be fed beside it is a part of what it does.
+        trials = tuple(t.with_bench(fed=0.0) for t in state.trials)
+        self.minimiser, self.alone = minimiser, replace(state, trials=trials)
         self.about = about or About.of(state, minimiser.reference)
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
 
@@ -130,9 +132,12 @@ class Search:
         state = self.refined(instances, numbers, near, steps)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
-    def applied(self, instances: Sequence[Instance], numbers: np.ndarray) -> tuple[Trial, ...]:
-        """The logs read as with these effects."""
-        read = list(self.trials)
+    def applied(
+        self, instances: Sequence[Instance], numbers: np.ndarray, near: State
+    ) -> tuple[Trial, ...]:
+        """The logs read as with these effects, of a plate that moves as it does in a state near by."""
+        fed = [t.bench.fed for t in near.trials]
+        read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]
         for instance, part in zip(instances, self.parts(instances), strict=True):
             for i in instance.where:
                 read[i] = instance.effect.applied(read[i], numbers[part], self.about)
@@ -151,14 +156,14 @@ class Search:
     def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
-        read = zip(self.applied(instances, numbers), near.trials, strict=True)
+        read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
         return self.minimiser.refine(
             tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1, 0, steps
         )
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""
-        return self.minimiser.minima(self.applied(instances, numbers))[0]
+        return self.minimiser.minima(self.applied(instances, numbers, self.alone))[0]
 
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
         """- log likelihood of what was recorded and - log prior of the numbers."""
@@ -225,7 +230,7 @@ class Search:
         for instance, part in zip(instances, self.parts(instances), strict=True):
             for k in range(part.start, part.stop):
                 away = step[k] * np.eye(len(numbers))[k]
-                above, below = (self.applied(instances, numbers + way) for way in (away, -away))
+                above, below = (self.applied(instances, numbers + way, state) for way in (away, -away))
                 for i in instance.where:
                     change = (views[i].modelled(above[i]) - views[i].modelled(below[i])) / (2 * step[k])
                     found[i][:, k] = views[i].off(change)
@@ -315,7 +320,7 @@ class Search:
             if _ends(step, covariance):
                 break
             numbers = point.numbers + step
-            anew = zip(self.applied(point.instances, numbers), point.state.trials, strict=True)
+            anew = zip(self.applied(point.instances, numbers, point.state), point.state.trials, strict=True)
             trials = tuple(replace(t, noise=old.noise) for t, old in anew)
             new = self.in_colour(found.instances, numbers, point.state, trials)
             if not new.cost < point.cost:

@@ -33,11 +33,16 @@ PHASES = (-1.0, 0.0, 1.0)  # rad, of a decay
 FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
 
 
+def _moves(trial: Trial, about: About) -> np.ndarray:
+    """(n,) by how much the plate itself moves, over the largest response."""
+    return np.abs(trial.log.response - trial.bench.fed) / about.top
+
+
 def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """A Duffing plate is one whose resonance is f0 + kappa |W|^2 (Nayfeh & Mook, Nonlinear Oscillations,
     1979, 4.1): row k shows, whichever way a sweep came, what a linear plate shows at f_k - kappa |W_k|^2, and
     so from one row of a transient to the next."""
-    power = (np.abs(trial.log.response) / about.top) ** 2
+    power = _moves(trial, about) ** 2
     return shifted(trial, "frequency", -values[0] * about.span * power)
 
 
@@ -85,7 +90,7 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
         return moving and seen and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        inputs, size = trial.inputs, (np.abs(trial.log.response) / about.top) ** power
+        inputs, size = trial.inputs, _moves(trial, about) ** power
         if not trial.steady:  # of the row before: its own noise would explain a part of each row
             inputs, row = cut(inputs)
             size = np.append(size[:1], size[:-1])[row]

@@ -23,6 +23,8 @@ class Bench:
     standing: bool = False  # there is one
     # (n,) of a sweep: what else moves, in the plate's frame
     alongside: np.ndarray | None = field(default=None, repr=False)
+    # (n,) of d and q: what was recorded beside the plate, as fed through or offset
+    fed: np.ndarray | float = field(default=0.0, repr=False)
     floor: float = 0.0  # of an amplitude log, response squared
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late

@@ -36,7 +36,7 @@ def update(
             floor, late = float(detail.floor[k]), float(detail.late[k])
             offset = complex(detail.offset[k]) if trials[i].bench.alongside is None else 0.0
             new = _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_)
-            new = new.with_bench(turn=turn)
+            new = new.with_bench(turn=turn, fed=models[i] - driven if new.signed else 0.0)
             new = (
                 renewed(new, courses[i], np.asarray(detail.extra[k]))
                 .floored(driven, models[i])

@@ -104,7 +104,7 @@ class Trial(Record):
         ]
         if rounded:
             noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
-        new = self.with_bench(extra={}, under=under, alongside=alongside)
+        new = self.with_bench(extra={}, under=under, alongside=alongside, fed=0.0)
         return replace(new, log=read.log, inputs=read.inputs, noise=noise, there=read.there, whole=None)
 
     @property

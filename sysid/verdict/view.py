@@ -180,8 +180,10 @@ class View:
 
     @cached_property
     def ideal(self) -> Trial:
-        """The log as if it were what is modelled: what an effect does to noise would explain that noise."""
-        return replace(self.trial, log=replace(self.trial.log, response=self.model))
+        """The log as if it were what is modelled, and all of that the plate: what an effect does to noise
+        would explain that noise, and what seems to be fed beside a plate that is not described is its own."""
+        log = replace(self.trial.log, response=self.model)
+        return replace(self.trial, log=log).with_bench(fed=0.0)
 
     @cached_property
     def base(self) -> np.ndarray:
