@@ -333,12 +333,11 @@ if __name__ == "__main__":
     command.add_argument("--jobs", type=int, default=2)
     command.add_argument("--only", choices=SECTIONS)
     arguments = command.parse_args()
-    place = Path(__file__).with_suffix(".md")
-    top, *parts = re.split("^(?=## )", place.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    known = {
-        name: part for part in parts for name, (heading, _) in SECTIONS.items() if part.startswith(heading)
-    }
+    page = Path(__file__).with_suffix(".md")
     for name in [arguments.only] if arguments.only else list(SECTIONS):
-        known[name] = section(name, arguments.plates, arguments.jobs, known.get(name, ""))
-        text = top + "".join(known[name] for name in SECTIONS if name in known)
-        place.write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+        top, *parts = re.split("^(?=## )", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        here = [k for k, part in enumerate(parts) if part.splitlines()[0] == SECTIONS[name][0]]
+        at = slice(here[0], here[0] + 1) if here else slice(len(parts), None)  # all others stay as they are
+        parts[at] = [section(name, arguments.plates, arguments.jobs, "".join(parts[at]))]
+        text = "\n\n".join(part.strip("\n") for part in (top, *parts))
+        page.write_text(text + "\n", encoding="utf-8")

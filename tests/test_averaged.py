@@ -11,8 +11,9 @@ import sysid
 from sysid.effects.effect import About
 from sysid.model.prior import NAMES
 from sysid.trials.trial import NUISANCES
+from sysid.verdict import averaged as averaging
 from sysid.verdict import misfit
-from sysid.verdict.averaged import Average, Hint, allowed, averaged
+from sysid.verdict.averaged import Allowed, Average, Hint, averaged
 from sysid.verdict.linear import USUAL, Linear
 from sysid.verdict.terms import terms
 from sysid.verdict.view import View
@@ -33,7 +34,8 @@ def linear(bench):
 
 def spanned(linear):
     fit, tried = linear
-    return allowed([(t, s) for t in tried if (s := fit.scored(t)) is not None])
+    scored = [(t, s) for t, s in zip(tried, fit.scored(tried), strict=True) if s is not None]
+    return [Allowed(t, s) for t, s in scored if averaging.spanned(t, s)]
 
 
 def designs(fit, term):

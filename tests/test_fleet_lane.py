@@ -339,7 +339,7 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
         if t.name in ("f0_drift", "second_mode", "gain", "late")
     ]
     for term in some[::5]:
-        scored = linear.scored(term)
+        (scored,) = linear.scored([term])
         shapes = [v.off(term.shapes[i].T).T if i in term.shapes else None for i, v in enumerate(views)]
         width = next(s.shape[1] for s in shapes if s is not None)
         rows = np.concatenate(

@@ -27,7 +27,9 @@ class Place(NamedTuple):
     rows: int
 
 
-PROCESSOR = Place(np, 64, 30_000)  # whose cache the columns stay in
+PROCESSOR = Place(
+    np, 256, 80_000
+)  # of more the columns leave the cache, of fewer each cell is gone through often
 ACCELERATOR = Place(jax.numpy, 1 << 12, 1 << 22)  # half a gigabyte of columns
 
 

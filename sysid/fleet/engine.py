@@ -7,6 +7,7 @@ Processes may be killed: a new pool goes on with what is left, the plates that w
 by one, and one that ends its process twice more becomes a row that says so.
 """
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -272,6 +273,7 @@ def _begin(where: str) -> None:
     """In a process of a pool: interruptions are the parent's to answer, without which it ends; programs
     compile beside."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gc.freeze()  # what the server has loaded stays, and need not be gone through again
     place = Path(where) / str(os.getpid())
     _place[:] = [open(place, "w", encoding="utf-8", errors=BYTES)]  # noqa: SIM115
     parent = multiprocessing.parent_process()

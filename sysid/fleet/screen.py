@@ -15,12 +15,14 @@ import numpy as np
 from sysid.fleet.arrays import Rows, on_rows, one, there
 from sysid.fleet.batch import Batch, Reduced, both
 from sysid.fleet.closed import Block, Step
+from sysid.fleet.closer import End, closer
 from sysid.fleet.delayed import shares
 from sysid.fleet.template import PHASES, Template
 from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
+from sysid.verdict.averaged import WIDER
 from sysid.verdict.coincidence import SEEN
 from sysid.verdict.finding import Finding
 from sysid.verdict.identify import limits
@@ -28,8 +30,10 @@ from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
 from sysid.verdict.linear import ENOUGH, MOVES
 
-# width of a cell: in log tau, in half bandwidths, and of noise over the response a factor
-WIDTHS = (0.2, 0.4, 2.0)
+WIDE = 0.93  # of what is said of an error, from which it may be that of the plate's own
+# width of a cell: in log tau, in half bandwidths; factors of noise over the response, by which no more than
+# priors of the bench differ, and of that of a log over that of the first
+WIDTHS = (0.2, 0.4, 4.0, 2.0)
 COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
     "noise that rows share",
     "outliers",
@@ -160,13 +164,14 @@ def vague(batch: Batch) -> np.ndarray:
 
 class Screened(NamedTuple):
     """Of each plate: why it goes to the full fit, "" where it need not, (P,); what effects that its logs
-    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; and what is to be warned
-    of. `rows` (P, R) and `phases` (P, logs), by which it was looked at."""
+    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; what is to be warned of;
+    and whether a test of its cell is why. `rows` (P, R) and `phases` (P, logs), by which it was looked at."""
 
     why: np.ndarray
     spans: np.ndarray
     said: list[Finding | None]
     doubts: list[Finding | None]
+    tested: np.ndarray
     rows: Rows = None
     phases: Rows = None
 
@@ -175,7 +180,8 @@ class Screened(NamedTuple):
         """Of the plates of a batch."""
         count = len(batch.theta)
         said, doubts = (list[Finding | None]([None] * count) for _ in range(2))
-        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts)
+        none = np.zeros(count, bool)
+        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts, none)
 
     def look(
         self, template: Template, rows: Rows, here: np.ndarray, phases: np.ndarray, power: np.ndarray
@@ -185,23 +191,32 @@ class Screened(NamedTuple):
         numbers = template.numbers(rows, here)
         for p, found in zip(here.tolist(), template.found(numbers, phases[here]), strict=True):
             self.doubts[p] = template.doubt(found)
-            if found and self.doubts[p] is None:
-                self.why[p] = self.why[p] or found[-1].name
+            if found and self.doubts[p] is None and not self.why[p]:
+                self.why[p], self.tested[p] = found[-1].name, True
         quiet = self.why[here] == ""
         here = here[quiet]
         self.spans[here], told = template.averaged(numbers[quiet], phases[here], power[quiet])
         for p, finding in zip(here.tolist(), told, strict=True):
             self.said[p] = finding
 
-    def closer(self, batch: Batch, cells: "Cells") -> "Screened":
-        """The same where those of which something is to be said are looked at as they are, not as plates that
-        are nearly alike."""
-        each = zip(self.why.tolist(), self.said, self.doubts, strict=True)
-        for p in [p for p, (why, *told) in enumerate(each) if not why and any(told)]:
-            if (template := cells.own(batch, p)).refused:
-                self.why[p] = template.refused
-            else:
-                self.look(template, self.rows, np.array([p]), self.phases, np.ones((1, len(batch.logs))))
+    def closer(self, batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> "Screened":
+        """The same where those of which something is nearly to be said, or that have to go, by their cell are
+        looked at as they are, not as plates that are nearly alike; `lefts`: the `residual` of each log."""
+        wide = np.sqrt(1 + np.max(np.einsum("pii->pi", self.spans), axis=1)) >= WIDE * WIDER
+        each = zip(self.why.tolist(), self.tested.tolist(), wide.tolist(), self.doubts, strict=True)
+        some = [p for p, (why, tested, *told) in enumerate(each) if tested or (not why and any(told))]
+        keys, std = cells.keys(batch), np.sqrt(np.einsum("pii->pi", batch.covariance))
+        powers, ends = cells.powers(batch, keys), End.each(batch, lefts)
+        for p, key, power in zip(some, keys[some], powers[some], strict=True):
+            template = cells.template(key)
+            numbers, about = template.numbers(self.rows, np.array([p]))[0], (self.phases[p], power)
+            tests, shown = template.concerned(numbers, *about), template.shown(*about)
+            if any(template.tried[k].term.parts for k in tests):
+                continue  # what several logs have alike is for the full fit
+            own = closer(batch, p, ends, template, tests, shown)
+            self.doubts[p] = template.doubt(own.found, alike=False)
+            self.why[p] = own.found[-1].name if own.found and self.doubts[p] is None else ""
+            self.spans[p], self.said[p] = own.spans / std[p] / std[p, :, None], own.said
         return self
 
     def without(self, plates: np.ndarray) -> "Screened":
@@ -238,12 +253,13 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
         for reason, which in _of_bench(batch, log, turn):
             say(which, reason)
     found = _by_template(batch, lefts, np.stack(phases, axis=1), cells)
-    return found._replace(why=np.where(why == "", found.why, why))
+    return found._replace(why=np.where(why == "", found.why, why), tested=found.tested & (why == ""))
 
 
 def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> Screened:
     """By the single fit's own terms."""
-    keys, levels, rows = cells.keys(batch), np.stack(_levels(batch), axis=1), None
+    keys, rows = cells.keys(batch), None
+    powers = cells.powers(batch, keys)
     found = Screened.nothing(batch)
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     for key in np.unique(keys, axis=0):
@@ -258,7 +274,7 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        found.look(template, rows, here, phases, (levels[here] / WIDTHS[2] ** key[2:-1]) ** 2)
+        found.look(template, rows, here, phases, powers[here])
     return found._replace(rows=rows, phases=phases)
 
 
@@ -340,39 +356,40 @@ class Cells:
     def keys(self, batch: Batch) -> np.ndarray:
         """(P, 3 + logs) whole numbers of each plate's cell."""
         middle, theta = batch.blocks[-1].middle, batch.theta
-        level = [np.log(level) / np.log(WIDTHS[2]) for level in _levels(batch)]
-        places = [theta[:, 1] / WIDTHS[0], 2 * np.pi * batch.tau * (theta[:, 2] - middle) / WIDTHS[1], *level]
+        first, *others = np.log(_levels(batch)).T
+        levels = [first / np.log(WIDTHS[2]), *((other - first) / np.log(WIDTHS[3]) for other in others)]
+        places = [
+            theta[:, 1] / WIDTHS[0],
+            2 * np.pi * batch.tau * (theta[:, 2] - middle) / WIDTHS[1],
+            *levels,
+        ]
         whole = np.nan_to_num(np.rint(np.clip(np.stack(places, axis=1), -1e6, 1e6)))
         return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
+
+    def powers(self, batch: Batch, keys: np.ndarray) -> np.ndarray:
+        """(P, logs) of each plate's noise, over that of its cell."""
+        return (_levels(batch) / _of_cells(keys)) ** 2
 
     def template(self, key: np.ndarray) -> Template:
         """Of one cell."""
         if (known := self.made.get(tuple(key))) is None:
-            tau, levels = np.exp(key[0] * WIDTHS[0]), [WIDTHS[2] ** k for k in key[2:-1]]
+            tau, levels = np.exp(key[0] * WIDTHS[0]), _of_cells(key[None])[0]
             detuning = key[1] * WIDTHS[1] / (2 * np.pi * tau)
-            known = self.made[tuple(key)] = self._of(1.0, tau, detuning, levels, bool(key[-1]))
+            block, gain = self.blocks[-1], 1 / np.abs(self.blocks[-1].drive[0])
+            theta = np.array([np.log(gain), np.log(tau), block.middle[0] + detuning])
+            sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
+            made = Template.of(self.logs, self.blocks, theta, sizes, bool(key[-1]))
+            known = self.made[tuple(key)] = made
         return known
 
-    def own(self, batch: Batch, p: int) -> Template:
-        """Of the p-th plate's own response, time constant, detuning and noise."""
-        settled = np.exp(batch.theta[p, 0]) * np.abs(batch.blocks[-1].drive[p])
-        detuning = batch.theta[p, 2] - batch.blocks[-1].middle[p]
-        levels = [x[p] for x in _levels(batch)]
-        return self._of(settled, batch.tau[p], detuning, levels, bool(batch.tight[p]))
 
-    def _of(
-        self, settled: float, tau: float, detuning: float, levels: Sequence[float], tight: bool
-    ) -> Template:
-        """With a settled response of this size to the last log's drive, and noise of these levels over that
-        of each."""
-        block = self.blocks[-1]
-        gain = settled / np.abs(block.drive[0])
-        theta = np.array([np.log(gain), np.log(tau), block.middle[0] + detuning])
-        sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
-        return Template.of(self.logs, self.blocks, theta, sizes, tight)
-
-
-def _levels(batch: Batch) -> list[np.ndarray]:
-    """(P,) of each log the noise over the settled response."""
+def _levels(batch: Batch) -> np.ndarray:
+    """(P, logs) the noise of each log over its settled response."""
     gain = np.exp(batch.theta[:, 0])
-    return [np.maximum(x.std, 1e-300) / (gain * np.abs(x.block.drive)) for x in batch.logs]
+    return np.stack([np.maximum(x.std, 1e-300) / (gain * np.abs(x.block.drive)) for x in batch.logs], axis=1)
+
+
+def _of_cells(keys: np.ndarray) -> np.ndarray:
+    """(P, logs) the same in the middle of cells."""
+    first = WIDTHS[2] ** keys[:, 2:3]
+    return np.concatenate([first, first * WIDTHS[3] ** keys[:, 3:-1]], axis=1)

@@ -7,7 +7,7 @@ orthogonal to what its own fit can adjust, so its chance is that of the single f
 a cell finds nearly as much as the plate's own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from sysid import reading
+from sysid.effects.clock import ROWS_LOST
 from sysid.effects.effect import About
 from sysid.effects.registry import ADOPTED, EVERY
 from sysid.effects.sensor import SATURATIONS
@@ -28,7 +29,7 @@ from sysid.model.prior import NAMES
 from sysid.model.span import inverted
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
-from sysid.verdict.averaged import Allowed, Together, allowed, shows, widest
+from sysid.verdict.averaged import Allowed, Kind, Together, spanned, widest
 from sysid.verdict.coincidence import tightened
 from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Finding
@@ -40,7 +41,9 @@ from sysid.verdict.view import View
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
-LEAST = 0.5  # power of the noise of plates of a cell, over the cell's
+NEARLY = 2.0  # of log-likelihood: a plate's own test may be worth so much more than its cell's
+LITTLE = 0.01  # of an error's square, that an effect adds: less changes it by half a percent
+LEAST = 0.125  # power of the noise of plates of a cell, over the cell's: of one of several logs
 QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
 CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
 NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
@@ -57,12 +60,15 @@ class Trying:
     phase: tuple[int, int] | None = None
     allowed: Allowed | None = None
 
-    def light(self, before: Mapping[tuple[str, int | None], float]) -> "Trying":
-        """Without the arrays over the rows, which the template has side by side. `before`: how likely what
-        errors span is beforehand."""
-        term, kind = replace(self.term, shapes={}), (self.term.name, self.term.log)
-        spanned = not self.term.parts and kind in before and shows(self.scored, LEAST)
-        return replace(self, term=term, allowed=Allowed(term, self.scored, before[kind]) if spanned else None)
+    @property
+    def kind(self) -> Kind:
+        return self.term.name, self.term.log
+
+    def light(self) -> "Trying":
+        """Without the arrays over the rows, which the template has side by side."""
+        term = replace(self.term, shapes={})
+        allowed = Allowed(term, self.scored) if spanned(term, self.scored, LEAST) else None
+        return replace(self, term=term, allowed=allowed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,34 +97,28 @@ class Template:
     ) -> "Template":
         """Of the inputs of `logs`, whose `blocks` are of one plate at `theta` (3,), and noise of `levels`;
         `tight`: with the narrower priors of a feedthrough and a lateness."""
-        models = []
-        for block in blocks:
-            block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
-            models.append(np.array(one(block.columns, 0)[0]))
-        rng = np.random.default_rng(0)
+        models, rng = _models(blocks, theta), np.random.default_rng(0)
         simulated = [
             replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
             for log, m, s in zip(logs, models, levels, strict=True)
         ]
         trials, warnings = reading.trials(simulated, NUISANCES)
-        reference = reading.reference(trials)
         if said := _uncovered(trials, blocks, warnings, logs):
             return cls(said, trials)
-        trials = tuple(with_noise(t, s, 0.0) for t, s in zip(trials, levels, strict=True))
-        at = np.zeros(len(NAMES))
-        at[:3] = theta - (0.0, 0.0, reference[0])
-        state = _state(at, trials, models, reference)
-        if tight:
-            state = _state(at, tightened(state, reference, ("late",)), models, reference)
-        if said := _undescribed(state, reference):
+        state, views, reference = _state(theta, trials, models, levels, tight)
+        if said := _undescribed(state, views, reference):
             return cls(said, trials)
-        return cls._tried(state, reference)
+        return cls._tried(state, views, reference, trials)
 
     @classmethod
-    def _tried(cls, state: State, reference: tuple[float, float]) -> "Template":
-        views = View.each(state, reference)
-        fit = Linear(views, state, list(FREE), 0.0)
-        about = About.of(state, reference)
+    def _tried(
+        cls,
+        state: State,
+        views: list[View],
+        reference: tuple[float, float],
+        trials: tuple[Trial, ...],
+    ) -> "Template":
+        fit, about = Linear(views, state, list(FREE), 0.0), About.of(state, reference)
         every = terms(views, FREE, about, 0.0)
         fit.look(every)
         alike = list(together([t for t in every if t.alike and fit.tells(t)])) if len(views) > 1 else []
@@ -128,27 +128,44 @@ class Template:
             for t, chance in zip([*every, *alike], chances, strict=True)
             if t.name not in CHANNELS or t.parts
         ]
-        known += [(t, chances[0], phase) for i, v in enumerate(views) for t, phase in _turned(i, v, about)]
+        of_each = {(t.name, t.log): chance for t, chance in zip(every, chances, strict=False)}
+        for i, view in enumerate(views):
+            known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about)]
         fit.look([t for t, _, phase in known if phase is not None])
         tried = [
             Trying(t, scored, chance, phase)
-            for t, chance, phase in known
-            if (scored := fit.scored(t)) is not None
+            for (t, chance, phase), scored in zip(known, fit.scored([t for t, *_ in known]), strict=True)
+            if scored is not None
         ]
-        once = [(x.term, x.scored) for x in tried if x.phase is None or x.phase[1] == 0]
-        before = {(x.term.name, x.term.log): x.before for x in allowed(once)}
         weights = [fit.rows(x.term, x.scored) for x in tried]
         second = [
             fit.moved(i, v.observed((v.course.pole * v.course.rate)[None])[0]) for i, v in enumerate(views)
         ]
         return cls(
-            trials=state.trials,
+            trials=trials,
             names=tuple(tuple(c.name for c in v.columns) for v in views),
-            tried=tuple(x.light(before) for x in tried),
+            tried=tuple(x.light() for x in tried),
             weights=np.concatenate(weights, axis=1),
             begins=np.cumsum([0, *(w.shape[1] for w in weights[:-1])]),
             second=np.array([[moves[name] for name in FREE] for moves in second]),
             views=tuple(views),
+        )
+
+    def concerned(self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray) -> list[int]:
+        """Which tests decide what is said of a plate, by its `numbers` (q,), the place `phases` (logs,) of
+        its rotations and the `power` (logs,) of its noise over the cell's; of rows that may be missing also
+        those at the next places, as its own may be another row."""
+        worth = 0.5 * np.add.reduceat(numbers**2, self.begins)
+        near = (worth > self._chance + PERHAPS - NEARLY) & self._here(phases[None])[0]
+        some = set(np.flatnonzero(near).tolist())
+        (likely,) = self._likely(numbers[None], phases[None], power[None])
+        for k, x, own, share in likely:
+            if share * np.max(np.diag(x.spans(x.scored.moves, own))) > LITTLE:
+                some.add(k)
+        astray = {k for k in some if (source := self.tried[k].term.source) and source[0] in ROWS_LOST}
+        beside = {k + step for k in astray for step in (-1, 1)} & set(range(len(self.tried)))
+        return sorted(
+            some | {k for k in beside if self.tried[k].kind in {self.tried[j].kind for j in astray}}
         )
 
     def numbers(self, rows: Rows, which: np.ndarray) -> np.ndarray:
@@ -177,14 +194,19 @@ class Template:
                 found[p].append(new)
         return found
 
-    def doubt(self, found: Sequence[Found]) -> Finding | None:
+    def doubt(self, found: Sequence[Found], alike: bool = True) -> Finding | None:
         """What the single fit would warn of where a plate's logs hold these, none of them certain; None where
-        it has to look closer, as at what one log has for itself."""
-        between = {(x.term.name, x.term.log) for x in self.tried if x.term.between or x.term.parts}
-        if any(f.certain or (f.name, f.log) in between for f in found):
+        it has to look closer, as at what one log has for itself, or several may have `alike`."""
+        if any(f.certain or (f.name, f.log) in self._firm[alike] for f in found):
             return None
         likely = likeliest(sorted(found, key=lambda f: -f.worth))
         return next(iter(doubted(likely, [t.log.name for t in self.trials])), None)
+
+    @cached_property
+    def _firm(self) -> tuple[set[Kind], set[Kind]]:
+        """What one log has for itself; and also what several may have alike."""
+        own = {x.kind for x in self.tried if x.term.between}
+        return own, own | {x.kind for x in self.tried if x.term.parts}
 
     def averaged(
         self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
@@ -193,20 +215,45 @@ class Template:
         what is said of it (`verdict.averaged`). `power` (P, logs): of the noise, over that of the cell."""
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
-        if self._spanned is None:
-            return spans, said
-        which, at, each = self._spanned
-        own = numbers[:, at] * self._here(phases)[:, which]
-        logs = np.array([x.term.log or 0 for x in self.tried])
-        share = each.likely(own, power[:, logs[which]])
-        for p in np.flatnonzero(share.any(axis=0)).tolist():
-            here = np.flatnonzero(share[:, p]).tolist()
-            there = [each.each[k].louder(power[p, each.each[k].term.log or 0]) for k in here]
-            some = [(x, each.own(own[p], k), float(share[k, p])) for k, x in zip(here, there, strict=True)]
-            spans[p] = sum(s * x.spans(x.scored.moves, n) for x, n, s in some)
-            hint = widest(some, FREE, self.views)
-            said[p] = hint and hint.told(True)
+        for p, likely in enumerate(self._likely(numbers, phases, power)):
+            if likely:
+                some = [x[1:] for x in likely]
+                spans[p] = sum(share * x.spans(x.scored.moves, own) for x, own, share in some)
+                hint = widest(some, FREE, self.views)
+                said[p] = hint and hint.told(True)
         return spans, said
+
+    def _likely(
+        self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
+    ) -> list[list[tuple[int, Allowed, np.ndarray, float]]]:
+        """Of each plate the effects that errors span: which test each is of, what it is in its noise, its
+        numbers, and how likely it is."""
+        found: list[list[tuple[int, Allowed, np.ndarray, float]]] = [[] for _ in numbers]
+        if self._spanned is None:
+            return found
+        which, at, each = self._spanned
+        own, share = numbers[:, at], each.likely(numbers[:, at], *self._allowed(phases, power))
+        for k, p in zip(*np.nonzero(share), strict=True):
+            x = each.each[k].louder(power[p, each.each[k].term.log or 0])
+            found[p].append((int(which[each.begins[k]]), x, each.own(own[p], k), float(share[k, p])))
+        return found
+
+    def _allowed(self, phases: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(P, q) the noise of each of these numbers, (K, P) and which effects there may be, of plates of such
+        rotations and noise (P, logs)."""
+        assert self._spanned is not None
+        which, _, each = self._spanned
+        logs = np.array([x.term.log or 0 for x in self.tried])
+        return power[:, logs[which]], self._here(phases)[:, which[each.begins]].T
+
+    def shown(self, phases: np.ndarray, power: np.ndarray) -> dict[Kind, int]:
+        """How many effects of each kind a plate's logs would show, of all that errors may span; `phases` and
+        `power` as `concerned` has them."""
+        if self._spanned is None:
+            return {}
+        each = self._spanned[2]
+        there = each.there(*self._allowed(phases[None], power[None]))
+        return dict(zip(each.kinds, (each.alike @ there)[:, 0].astype(int).tolist(), strict=True))
 
     @cached_property
     def _chance(self) -> np.ndarray:
@@ -252,13 +299,41 @@ def _products(xp: Any, rows: Rows, which: np.ndarray, weights: Rows) -> Rows:
     return rows[which] @ weights
 
 
-def _state(theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], reference) -> State:
-    """A minimum at theta, with the covariance that its logs leave."""
+def _models(blocks: Sequence[Block], theta: np.ndarray) -> list[np.ndarray]:
+    """The response of each log of the one plate of these blocks at `theta` (3,), without a bench."""
+    for block in blocks:
+        block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
+    return [np.array(one(block.columns, 0)[0]) for block in blocks]
+
+
+def _state(
+    theta: np.ndarray,
+    trials: Sequence[Trial],
+    models: Sequence[np.ndarray],
+    levels: Sequence[float],
+    tight: bool,
+) -> tuple[State, list[View], tuple[float, float]]:
+    """A minimum at `theta` (3,) with noise of these levels and the covariance that its logs leave, the logs
+    there, and what frequencies and temperatures are counted from; `tight` as `Template.of` has it."""
+    reference, at = reading.reference(trials), np.zeros(len(NAMES))
+    at[:3] = theta - (0.0, 0.0, reference[0])
+    trials = tuple(with_noise(t, s, 0.0) for t, s in zip(trials, levels, strict=True))
+    state, views = _minimum(at, trials, models, reference)
+    if tight:
+        state, views = _minimum(at, tightened(state, reference, ("late",)), models, reference)
+    return state, views, reference
+
+
+def _minimum(
+    theta: np.ndarray, trials: tuple[Trial, ...], models: Sequence[np.ndarray], reference: tuple[float, float]
+) -> tuple[State, list[View]]:
+    """That of these trials at theta."""
     covariance = np.zeros((len(NAMES), len(NAMES)))
-    state = State(theta, covariance, tuple(trials), tuple(models), 0.0, 0.0, True, False, covariance)
-    jacobians = [v.jacobian[:, :3] for v in View.each(state, reference)]
+    state = State(theta, covariance, trials, tuple(models), 0.0, 0.0, True, False, covariance)
+    views = View.each(state, reference)
+    jacobians = [v.jacobian[:, :3] for v in views]
     covariance[:3, :3] = inverted(sum(j.T @ j for j in jacobians))
-    return replace(state, covariance=covariance, alone=covariance)
+    return replace(state, covariance=covariance, alone=covariance), views
 
 
 def _uncovered(
@@ -288,14 +363,14 @@ def _uncovered(
     return ""
 
 
-def _undescribed(state: State, reference: tuple[float, float]) -> str:
+def _undescribed(state: State, views: Sequence[View], reference: tuple[float, float]) -> str:
     """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
     f0 = reference[0] + state.theta[2]
     if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:
         return "its Q is low"
     if flank.seen(state, reference) is not None:
         return "its resonance lies outside of all that was driven"
-    if said := lone.resting(state, reference, FREE, None):
+    if said := lone.resting(state, reference, FREE, None, views):
         return f"one reading decides {' and '.join(said)}"
     return ""
 
@@ -304,21 +379,22 @@ def _turned(i: int, view: View, about: About) -> list[tuple[Term, tuple[int, int
     """Effects of single channels of one log, in the plate's frame: they look different as the demodulator is
     turned, for each of PHASES rotations."""
     found: list[tuple[Term, tuple[int, int] | None]] = []
-    turns = [np.exp(0.5j * np.pi * k / PHASES) for k in range(PHASES)]
-    each = []
+    turns, log, each = [np.exp(0.5j * np.pi * k / PHASES) for k in range(PHASES)], view.trial.log, []
     for turn in turns:
         turned = copy(view)
-        log = view.trial.log
-        turned.trial = replace(view.trial, log=replace(log, response=turn * log.response))
+        turned.trial = replace(view.trial, log=log.again(turn * log.response))
         turned.model, turned.turn = turn * view.model, turn * view.turn
         turned.__dict__.pop("ideal", None), turned.__dict__.pop("base", None)
         each.append(
-            [(t, turn.conjugate() * t.shapes[i]) for t in of_effects({i: turned}, about, SATURATIONS)]
+            [
+                replace(t, shapes={i: turn.conjugate() * t.shapes[i]})
+                for t in of_effects({i: turned}, about, SATURATIONS)
+            ]
         )
     for same in zip(*each, strict=True):
-        first = same[0][1]
-        if np.allclose(same[1][1], first, rtol=0, atol=1e-9 * float(np.max(np.abs(first)))):
-            found.append((same[0][0], None))
+        first = same[0].shapes[i]
+        if np.allclose(same[1].shapes[i], first, rtol=0, atol=1e-9 * float(np.max(np.abs(first)))):
+            found.append((same[0], None))
         else:
-            found += [(replace(t, shapes={i: shape}), (i, k)) for k, (t, shape) in enumerate(same)]
+            found += [(t, (i, k)) for k, t in enumerate(same)]
     return found

@@ -20,8 +20,7 @@ Hoeting, Madigan, Raftery & Volinsky, Bayesian model averaging: a tutorial, Stat
 (1999).
 """
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,11 +74,10 @@ class Average(NamedTuple):
 
 
 class Allowed(NamedTuple):
-    """An effect that logs allow: its test, and how likely it is beforehand over the chance of none."""
+    """An effect that logs allow, and its test."""
 
     term: Term
     scored: Scored
-    before: float
 
     def louder(self, power: float) -> "Allowed":
         """In noise of so many times the power."""
@@ -103,18 +101,20 @@ class Allowed(NamedTuple):
         """Its sentence; None where such numbers make no sense."""
         return self.term.say(self.scored.values @ self.mean(numbers), self.scored.errors)
 
+    def sensible(self, numbers: np.ndarray) -> bool:
+        """Whether such numbers make sense."""
+        if self.term.sense is None:
+            return self.say(numbers) is not None
+        return self.term.sense(self.scored.values @ self.mean(numbers))
 
-def shows(scored: Scored, power: float = 1.0) -> bool:
-    """Whether logs would show an effect of a usual size, in whatever direction of its numbers, in noise of so
-    many times the power."""
-    return bool(np.min(scored.usual) > power * SHOWS**2)
+
+Kind = tuple[str, int | None]  # of effects: their name, and the log that they are in
 
 
-def allowed(tried: Sequence[tuple[Term, Scored]]) -> list[Allowed]:
-    """Those of the tested terms that are averaged over."""
-    shown = [(t, s) for t, s in tried if not (t.between or t.parts) and shows(s)]
-    places = Counter((t.name, t.log) for t, _ in shown)
-    return [Allowed(t, s, 1 / (len(places) * places[t.name, t.log])) for t, s in shown]
+def spanned(term: Term, scored: Scored, power: float = 1.0) -> bool:
+    """Whether errors span a tested term in noise of so many times the power: logs would show it if it were of
+    a usual size, in whatever direction of its numbers."""
+    return not (term.between or term.parts) and bool(np.min(scored.usual) > power * SHOWS**2)
 
 
 class Together(NamedTuple):
@@ -123,42 +123,67 @@ class Together(NamedTuple):
     each: Sequence[Allowed]
     begins: np.ndarray
     usual: np.ndarray  # (q,) variances
-    before: np.ndarray  # (K,) how likely each is beforehand over the chance of none
+    kinds: Sequence[Kind]  # (n,) all that there are
+    alike: np.ndarray  # (n, K) which effects are of each kind
 
     @classmethod
     def of(cls, each: Sequence[Allowed]) -> "Together":
         """Of these effects, at least one."""
         usual = [x.scored.usual for x in each]
         begins = np.cumsum([0, *map(len, usual[:-1])])
-        return cls(each, begins, np.concatenate(usual), np.array([x.before for x in each]))
+        of_each = [(x.term.name, x.term.log) for x in each]
+        kinds = list(dict.fromkeys(of_each))
+        alike = np.array([[float(one == kind) for one in of_each] for kind in kinds])
+        return cls(each, begins, np.concatenate(usual), kinds, alike)
 
     def own(self, numbers: np.ndarray, k: int) -> np.ndarray:
         """(r,) those of the k-th effect."""
         return numbers[self.begins[k] :][: len(self.each[k].scored.usual)]
 
-    def likely(self, numbers: np.ndarray, power: np.ndarray) -> np.ndarray:
+    def there(self, power: np.ndarray, here: np.ndarray | bool = True) -> np.ndarray:
+        """(K, P) which effects logs would show in noise of `power` (P, q) over that of the tests; `here`
+        (K, P): which there may be."""
+        return (np.minimum.reduceat(self.usual / power, self.begins, axis=1).T > SHOWS**2) & here
+
+    def _before(self, there: np.ndarray, others: Mapping[Kind, int]) -> np.ndarray:
+        """(K, P) how likely each is beforehand over the chance of none."""
+        counts = self.alike @ there
+        for k, kind in enumerate(self.kinds):
+            if kind in others:
+                counts[k] = np.maximum(counts[k], others[kind])
+        kinds = np.sum(counts > 0, axis=0) + len({*others} - {*self.kinds})
+        return 1 / np.maximum(kinds * (self.alike.T @ counts), 1)
+
+    def likely(
+        self,
+        numbers: np.ndarray,
+        power: np.ndarray,
+        here: np.ndarray | bool = True,
+        others: Mapping[Kind, int] | None = None,
+    ) -> np.ndarray:
         """(K, P) how likely each effect is by the numbers (P, q) of as many plates; 0 where the logs speak
-        against it. `power` (P, q): of the noise, over that of the tests."""
+        against it. `power` and `here` as `there` has them. `others`: how many of a kind there are, where
+        those at hand are not all."""
         usual = self.usual / power
         shown = usual / (1 + usual) * numbers**2 - np.log1p(usual)
         found = 0.5 * np.add.reduceat(shown, self.begins, axis=1).T
-        found[np.minimum.reduceat(usual, self.begins, axis=1).T <= SHOWS**2] = 0.0  # not to be seen there
-        odds = np.zeros_like(found)
-        for k, p in zip(*np.nonzero(found > 0), strict=True):
-            there = self.each[k].louder(power[p, self.begins[k]])
-            if there.say(self.own(numbers[p], k)) is not None:
-                odds[k, p] = self.before[k] * np.expm1(min(found[k, p], MOST))
+        there, odds = self.there(power, here), np.zeros_like(found)
+        before = self._before(there, others or {})
+        for k, p in zip(*np.nonzero((found > 0) & there), strict=True):
+            if self.each[k].louder(power[p, self.begins[k]]).sensible(self.own(numbers[p], k)):
+                odds[k, p] = before[k, p] * np.expm1(min(found[k, p], MOST))
         return odds / (1 + odds.sum(axis=0))
 
 
-def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
-    """Over the effects `tried` beside a fit, linearised."""
-    each = allowed([(t, s) for t in tried if (s := fit.scored(t)) is not None])
+def averaged(fit: Linear, tried: Sequence[Term], others: Mapping[Kind, int] | None = None) -> Average:
+    """Over the effects `tried` beside a fit, linearised; `others` as `Together.likely` has it."""
+    scored = zip(tried, fit.scored(tried), strict=True)
+    each = [Allowed(t, s) for t, s in scored if s is not None and spanned(t, s)]
     if not each:
         return Average.none()
     numbers = [x.scored.numbers for x in each]
     whole = np.concatenate(numbers)[None]
-    share = Together.of(each).likely(whole, np.ones_like(whole))
+    share = Together.of(each).likely(whole, np.ones_like(whole), others=others)
     some = [(each[k], numbers[k], float(share[k, 0])) for k in np.flatnonzero(share.any(axis=1))]
     if not some:
         return Average.none()

@@ -1,6 +1,6 @@
 """What effects do to logs to first order: a `Term` for each place of their other numbers."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,26 +18,43 @@ EXACT = 1e-300  # of them, as of a number without an error
 WITHIN = 2.0  # prior standard deviations; a larger number is of something else
 
 
+Places = Mapping[Effect, Mapping[int | None, Collection[int]]]
+
+
 def of_effects(
-    views: Mapping[int, View], about: About, effects: Sequence[Effect] = EFFECTS
+    views: Mapping[int, View],
+    about: About,
+    effects: Sequence[Effect] = EFFECTS,
+    places: Places | None = None,
 ) -> Iterator[Term]:
-    """All that these effects may be in the logs: in each for itself, or in all that show them."""
+    """All that these effects may be in the logs: in each for itself, or in all that show them. `places`: of
+    each effect and log (None: all that show it) the only places that are asked for."""
     for effect in effects:
         shown = {i: v for i, v in views.items() if effect.shows(v.trial)}
         whole = effect.scope == "plate"
         for group in [shown] if whole else [{i: v} for i, v in shown.items()]:
-            if group:
-                yield from _terms(effect, group, about)
+            log = next(iter(group)) if len(group) == 1 else None
+            asked = None if places is None else places[effect].get(log, ())
+            if group and (asked is None or asked):
+                yield from _terms(effect, group, log, about, asked)
 
 
-def _terms(effect: Effect, views: Mapping[int, View], about: About) -> Iterator[Term]:
-    """Of one effect in these logs. A coefficient is one of its `linear` numbers in prior standard deviations;
-    where it has none, 1 is all that it does."""
-    i, view = next(iter(views.items()))
+def _terms(
+    effect: Effect,
+    views: Mapping[int, View],
+    log: int | None,
+    about: About,
+    asked: Collection[int] | None,
+) -> Iterator[Term]:
+    """Of one effect in these logs, at all places or those `asked` for. A coefficient is one of its `linear`
+    numbers in prior standard deviations; where it has none, 1 is all that it does."""
+    view = next(iter(views.values()))
     stds = effect.stds(view.trial, about)
     places = np.zeros((1, len(stds))) if effect.places is None else effect.places(view.trial, about)
     name = f"{view.trial.log.name}: " if len(views) == 1 else ""
-    for values in places:
+    for k, values in enumerate(places):
+        if asked is not None and k not in asked:
+            continue
         shapes, shown = _shapes(effect, views, values, stds, about)
         if not shapes:
             continue
@@ -46,11 +63,13 @@ def _terms(effect: Effect, views: Mapping[int, View], about: About) -> Iterator[
             effect.name,
             shapes,
             place.say,
-            i if len(views) == 1 else None,
+            log,
             freedom=next(iter(shapes.values())).shape[1] + (len(places) > 1),
             unseen=effect.unseen(view.trial, about),
             expected=effect.expected and all(_even(v) for v in views.values()),
             alike=not effect.many,
+            sense=place.sense,
+            source=(effect, k),
             numbers=place.numbers,
         )
 
@@ -108,14 +127,20 @@ class Place:
             self.trial, self._with(self.values, value), self._with(self.apart, std), self.about
         )
 
+    def sense(self, value: np.ndarray) -> bool:
+        """Whether such coefficients make sense, or are of something else."""
+        if np.any(np.abs(value) > WITHIN):
+            return True
+        numbers, exact = self._with(self.values, value), EXACT * self.stds
+        sense = self.effect.seen(numbers, exact) if self.shown else bool(value[0] > 0)
+        return sense and not self.effect.noise_like(self.trial, numbers)
+
     def say(self, value: np.ndarray, std: np.ndarray) -> str | None:
         """The same in words; None where such numbers make no sense."""
+        if not self.sense(value):
+            return None
         if np.any(np.abs(value) > WITHIN):
             return UNNAMED
-        numbers, exact = self._with(self.values, value), EXACT * self.stds
-        sense = self.effect.seen(numbers, exact) if self.shown else value[0] > 0
-        if not sense or self.effect.noise_like(self.trial, numbers):
-            return None
         told = self.effect.said(self.trial, self.numbers(value, std))
         return f"{self.name}{told.what}; {told.to_do}"
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -130,9 +131,14 @@ class Linear:
         self.pulled = state.prior.slope(state.theta)[index]
         self.inverse = inverted(sum(j.T @ j for j in self.jacobians) + self.prior)
         self.slope = sum(j.T @ v.r for j, v in zip(self.jacobians, views, strict=True)) - self.pulled
-        self.before = [v.likelihood(v.recorded) for v in views]
         self.looked: dict[tuple[Term, int], _Looked] = {}
         self.added: dict[Term, _Added | None] = {}
+        self.tests: dict[Term, Scored | None] = {}
+
+    @cached_property
+    def before(self) -> list[float]:
+        """Log-likelihood of each log as it is."""
+        return [v.likelihood(v.recorded) for v in self.views]
 
     def moved(self, i: int, shape: np.ndarray) -> dict[str, float]:
         """What the parameters move, in their standard deviations, when `shape`, with no unknown, is taken off
@@ -157,8 +163,18 @@ class Linear:
     def found(self, tried: Sequence[Term], others: int = 0) -> list[Found]:
         """Those that the logs hold; `others`: how many were tried before."""
         self.look([t for t in tried if not t.parts])
-        chances = chances_of(tried, others)
-        return [f for t, c in zip(tried, chances, strict=True) if (f := self.worth(t, c)) is not None]
+        return self.worth_more(tried, chances_of(tried, others))
+
+    def worth_more(self, tried: Sequence[Term], chances: Sequence[float]) -> list[Found]:
+        """Those that are worth more than chance gives."""
+        each = zip(tried, chances, self.scored(tried), strict=True)
+        return [f for t, c, s in each if self._hopeful(t, c, s) and (f := self.worth(t, c)) is not None]
+
+    def _hopeful(self, term: Term, chance: float, scored: Scored | None) -> bool:
+        """Whether a tested term may be worth more; one of which not all coefficients are told may be."""
+        if scored is None or len(scored.numbers) < len(scored.values):
+            return scored is not None
+        return 0.5 * float(scored.numbers @ scored.numbers) > chance + PERHAPS - UNCHANGED
 
     def gain(self, term: Term) -> float:
         """Log likelihood that a term is worth in noise of a known level, by what the plant and the nuisances
@@ -226,57 +242,83 @@ class Linear:
             here = [t for t in tried if i in t.shapes]
             if not here:
                 continue
-            with np.errstate(
-                over="ignore", invalid="ignore"
-            ):  # of an absurd value's powers; `_alone` leaves them out
-                rows = view.off(np.concatenate([t.shapes[i].T for t in here]))
-                cross, square, score = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
+            shapes = np.concatenate([t.shapes[i].T for t in here])
+            usual = USUAL * view.trial.scale / np.maximum(np.max(np.abs(shapes), axis=1), 1e-300)
+            with np.errstate(over="ignore", invalid="ignore"):  # of an absurd value's powers: `_added`
+                rows = view.off(shapes)
+                found = jacobian.T @ rows.T, rows @ rows.T, rows @ view.r
             end = 0
             for t in here:
                 part = slice(end, end := end + t.shapes[i].shape[1])
-                usual = USUAL * view.trial.scale / np.maximum(np.max(np.abs(t.shapes[i]), axis=0), 1e-300)
-                self.looked[t, i] = _Looked(
-                    rows[part].T, usual, cross[:, part], square[part, part], score[part]
-                )
+                cross, square, score = found[0][:, part], found[1][part, part], found[2][part]
+                self.looked[t, i] = _Looked(rows[part].T, usual[part], cross, square, score)
 
     def _alone(self, term: Term) -> "_Added | None":
         if any((term, i) not in self.looked for i in term.shapes):
             self.look([term])
         parts = {i: self.looked[term, i] for i in term.shapes}
-        cross, square, score = (sum(x) for x in zip(*(part[2:] for part in parts.values()), strict=True))
-        usual = np.min([part.usual for part in parts.values()], axis=0)
-        scale = np.sqrt(np.diag(square))
-        if not np.all(np.isfinite(scale)) or np.all(scale == 0):
+        (first, *others) = parts.values()
+        usual, cross, square, score = first[1:]
+        for part in others:
+            usual = np.minimum(usual, part.usual)
+            cross, square, score = cross + part.cross, square + part.square, score + part.score
+        scale = np.sqrt(square.diagonal())
+        if not np.isfinite(scale).all() or not scale.any():
             return None
         size = np.where(scale > 0, scale, 1.0)
         rows = {i: (part.rows, slice(None)) for i, part in parts.items()}
-        return _Added(rows, scale, usual, cross / size, square / np.outer(size, size), score / size)
+        return _Added(rows, scale, usual, cross / size, square / (size[:, None] * size), score / size)
 
     def _own(self, added: "_Added") -> np.ndarray:
         """Products of a term's rows with themselves, less what the parameters can make of them."""
         return added.square - added.cross.T @ self.inverse @ added.cross
 
-    def scored(self, term: Term) -> Scored | None:
-        """The term's score test, `worth` for noise of a known level; None where the plant and the nuisances
-        make up for the term."""
-        added = self._added(term)
-        if added is None or np.any(np.diag(own := self._own(added)) < LEAST):
-            return None
-        unit = added.usual * added.scale  # by which coefficients that are usual are as large as one another
-        sizes, axes = np.linalg.eigh(own * np.outer(unit, unit))
-        told = sizes > ROUNDED * sizes[-1]
-        sizes, axes = sizes[told], unit[:, None] * axes[:, told] / np.sqrt(sizes[told])
-        shifts, values = (
-            -self.inverse @ added.cross @ axes,
-            axes / np.where(added.scale > 0, added.scale, 1.0)[:, None],
+    def scored(self, terms: Sequence[Term]) -> list[Scored | None]:
+        """The score test of each term, `worth` for noise of a known level; None where the plant and the
+        nuisances make up for the term."""
+        sizes: dict[int, list[tuple[Term, _Added]]] = {}
+        for term in (t for t in terms if t not in self.tests):
+            self.tests[term] = None
+            if (added := self._added(term)) is not None:
+                sizes.setdefault(len(added.scale), []).append((term, added))
+        for some in sizes.values():
+            for (term, _), scored in zip(some, self._scored([added for _, added in some]), strict=True):
+                self.tests[term] = scored and self._beside(term, scored)
+        return [self.tests[term] for term in terms]
+
+    def _scored(self, each: "Sequence[_Added]") -> list[Scored | None]:
+        """Those of terms of as many coefficients m, side by side."""
+        scale, usual, cross, square, score = (
+            np.stack(x)
+            for x in zip(*((a.scale, a.usual, a.cross, a.square, a.score) for a in each), strict=True)
         )
-        numbers = axes.T @ (added.score - added.cross.T @ self.inverse @ self.slope)
-        moved = self.reported @ shifts
-        if term.beside is not None and term.beside[0] in self.names:
-            beside = np.zeros_like(shifts)
-            beside[self.names.index(term.beside[0])] = term.beside[1] * values[0]
-            shifts, moved = shifts + beside, moved + beside
-        return Scored(numbers, values, moved / self.std[:, None], shifts, sizes)
+        pulled = cross.swapaxes(1, 2) @ self.inverse
+        own = square - pulled @ cross  # (T, m, m)
+        told = np.all(np.einsum("tmm->tm", own) >= LEAST, axis=1)
+        unit = usual * scale  # by which coefficients that are usual are as large as one another
+        sizes, axes = np.linalg.eigh(
+            np.where(told[:, None, None], own * unit[:, :, None] * unit[:, None], 0.0)
+        )
+        kept = sizes > ROUNDED * sizes[:, -1:]
+        axes = unit[:, :, None] * axes / np.sqrt(np.where(kept, sizes, 1.0))[:, None]
+        shifts = -pulled.swapaxes(1, 2) @ axes
+        values = axes / np.where(scale > 0, scale, 1.0)[:, :, None]
+        numbers = (axes.swapaxes(1, 2) @ (score - pulled @ self.slope)[:, :, None])[:, :, 0]
+        moves = self.reported @ shifts / self.std[:, None]
+        return [
+            Scored(*(x[k][..., kept[k]] for x in (numbers, values, moves, shifts, sizes)))
+            if told[k]
+            else None
+            for k in range(len(each))
+        ]
+
+    def _beside(self, term: Term, scored: Scored) -> Scored:
+        """The test of a term with what that moves besides."""
+        if term.beside is None or term.beside[0] not in self.names:
+            return scored
+        beside = np.zeros_like(scored.shifts)
+        beside[self.names.index(term.beside[0])] = term.beside[1] * scored.values[0]
+        return scored._replace(shifts=scored.shifts + beside, moves=scored.moves + beside / self.std[:, None])
 
     def rows(self, term: Term, scored: Scored) -> np.ndarray:
         """(R, r) whose products with a residual's rows (R,) of all logs are a term's numbers."""

@@ -13,6 +13,7 @@ the parameter to be determined.
 """
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
@@ -30,14 +31,18 @@ ACROSS = 1.0  # half bandwidths on both sides of f0, across which ten points sho
 
 
 def resting(
-    state: State, reference: tuple[float, float], free: Sequence[str], at: float | None
+    state: State,
+    reference: tuple[float, float],
+    free: Sequence[str],
+    at: float | None,
+    views: Sequence[View] | None = None,
 ) -> dict[str, str]:
     """Why a parameter of `free` is not determined though its interval is narrow: one reading decides it. `at`
-    (degC): where f0 is reported."""
+    (degC): where f0 is reported; `views`: of the logs at that minimum, where they are made."""
     told = [n for n in free if _error(state, n, reference, at) <= _limit(state, n)]
     if not told or not state.converged or all(t.silent for t in state.trials):
         return {}
-    views = [_on_a_floor(view) for view in View.each(state, reference)]
+    views = [_on_a_floor(view) for view in views or View.each(state, reference)]
     shown = np.stack([_along(n, reference, at) for n in told])
     grown, errors = _without_one(views, shown, [NAMES.index(n) for n in free])
     said = {}
@@ -57,10 +62,13 @@ def _on_a_floor(view: View) -> View:
     """The amplitudes of a driven sweep on a floor that is as free as in one without a drive: whether a
     reading decides does not hang on a drive that somebody wrote down."""
     trial, under = view.trial, view.trial.bench.under
-    if trial.steady and not trial.signed and under is not None:
-        loose = trial.looseness**2 / float(np.max(under))
-        view.columns = [c._replace(prior=loose) if c.name == "floor" else c for c in view.columns]
-    return view
+    if not trial.steady or trial.signed or under is None:
+        return view
+    freed, loose = copy(view), trial.looseness**2 / float(np.max(under))
+    freed.columns = [c._replace(prior=loose) if c.name == "floor" else c for c in view.columns]
+    for name in ("basis", "recorded", "r", "jacobian"):
+        freed.__dict__.pop(name, None)
+    return freed
 
 
 def _without_one(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sysid.effects.effect import Effect
 from sysid.effects.number import Number
 
 UNNAMED = ""  # what is said of a size that the logs may show, but that is not what the term is about
@@ -37,6 +38,8 @@ class Term:
     parts: tuple["Term", ...] = field(
         default=(), repr=False
     )  # of one log each, in place of shapes of its own
+    sense: Callable[[np.ndarray], bool] | None = None  # whether `say` of such coefficients is not None
+    source: tuple[Effect, int] | None = None  # the effect that it is of, and which of its places
     # by name, of the same as `say`, in units of the bench
     numbers: Callable[[np.ndarray, np.ndarray], dict[str, Number]] = lambda value, std: {}
 
