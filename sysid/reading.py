@@ -12,7 +12,15 @@ from sysid.model.prior import NAMES
 from sysid.rows import thermometer
 from sysid.rows.clock import even, even_sweep
 from sysid.rows.condense import taken
-from sysid.rows.dwell import SETTLED, dwells, of_own_inputs, of_the_row_before
+from sysid.rows.dwell import (
+    LEFT,
+    SETTLED,
+    dwells,
+    of_own_inputs,
+    of_single_points,
+    of_the_row_before,
+    remembered,
+)
 from sysid.rows.onset import onset
 from sysid.rows.prepare import undelayed
 from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
@@ -53,6 +61,8 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
         if log.kind == "steady" and log.frequency is not None and (scale := even_sweep(log.frequency)):
             log = replace(log, frequency=scale[0])
             warnings.append(f"{log.name}: {wording.rounded_frequencies(log.frequency, scale[1])}")
+        if log.kind == "steady" and remembered(log) > LEFT:
+            warnings.append(f"{log.name}: {wording.unsettled(remembered(log))}")
         if (
             log.frequency is not None
             and not np.any(log.frequency)
@@ -114,7 +124,10 @@ def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
     may belong to their own inputs."""
     log, kind = trial.whole or (undelayed(trial.log, -1.0) if trial.steady else trial.log), trial.kind
     if log.kind is None:
-        kind = "steady" if np.median(np.diff(log.time)) >= SETTLED * tau else "transient"
+        dwelt = np.median(np.diff(log.time)) >= SETTLED * tau
+        kind = "steady" if dwelt and remembered(log) <= LEFT else "transient"
+        if dwelt and kind == "transient" and sampling is None and of_single_points(log):
+            sampling = "settled"
     if sampling is None and log.kind == "transient":
         sampling = "settled" if dwells(log, tau) and of_own_inputs(log) else None
     if sampling == "instant" and kind == "steady" and log.kind is None:

@@ -132,9 +132,7 @@ class Search:
         state = self.refined(instances, numbers, near, steps)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
-    def applied(
-        self, instances: Sequence[Instance], numbers: np.ndarray, near: State
-    ) -> tuple[Trial, ...]:
+    def applied(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> tuple[Trial, ...]:
         """The logs read as with these effects, of a plate that moves as it does in a state near by."""
         fed = [t.bench.fed for t in near.trials]
         read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]

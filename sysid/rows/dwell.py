@@ -4,11 +4,13 @@ stated."""
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import gammaincc
 
 from sysid.logs.log import Log
 
 # dwell in units of tau from which a point of a timed sweep counts as settled: e^-4 of the change is left
 SETTLED = 4.0
+LEFT = float(np.exp(-SETTLED))  # of a change, behind a filter
 
 
 def dwells(log: Log, tau: float) -> bool:
@@ -18,6 +20,21 @@ def dwells(log: Log, tau: float) -> bool:
         return False
     last = np.flatnonzero(log.frequency[1:] != log.frequency[:-1])
     return len(last) > 0 and bool(np.min(log.time[last + 1] - log.time[last]) >= SETTLED * tau)
+
+
+def of_single_points(log: Log) -> bool:
+    """Whether every row of a sweep is a point of its own."""
+    return log.frequency is not None and bool(np.all(np.diff(log.frequency) != 0))
+
+
+def remembered(log: Log) -> float:
+    """Share of the change from one point of a timed sweep to the next that the lock-in's filter still holds
+    as the next is read, by the filter that is stated: Q(k, t/T) after a time t, of k poles of T."""
+    tau = float(log.bench.get("lockin_tau_s", 0.0))
+    if tau <= 0 or log.time is None or len(log) < 2:
+        return 0.0
+    step = float(np.median(np.diff(log.time)))
+    return float(gammaincc(int(log.bench.get("lockin_order", 1)), max(step, 0.0) / tau))
 
 
 def of_own_inputs(log: Log) -> bool:

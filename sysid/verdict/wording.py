@@ -88,6 +88,14 @@ def _grows(size: np.ndarray) -> bool:
     return bool(np.mean(size[-part:]) > GROWS * np.mean(size[:part]))
 
 
+def unsettled(left: float) -> str:
+    """Of settled points behind a filter that still holds a share `left` of the point before."""
+    return (
+        f"the lock-in's filter that is stated still holds {100 * left:.2g} % of each point as the next is"
+        " read: they are not settled; say kind: transient, or wait longer at each"
+    )
+
+
 def rounded_stamps(time: np.ndarray, digit: float) -> str:
     """That an even clock's stamps were rounded, and which clock it is taken to be."""
     period = float(np.mean(np.diff(time)))
