@@ -72,13 +72,11 @@ DELAY = Effect(
 
 
 def _filter(order: int) -> Effect:
-    """A lock-in's filter of so many poles, that no log states. Its number: the delay of all poles together,
-    in tau."""
+    """A lock-in's filter of so many poles, that no log states, or another than is stated. Its number: the
+    delay of all poles together, in tau."""
 
     def shows(trial: Trial) -> bool:  # means of many rows would have to be of fewer
-        return (
-            _timed(trial) and trial.signed and trial.whole is None and "lockin_tau_s" not in trial.log.bench
-        )
+        return _timed(trial) and trial.signed and trial.whole is None
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
@@ -102,7 +100,9 @@ def _filter(order: int) -> Effect:
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         poles, time = f"{order} poles" if order > 1 else "one pole", found["lockin_tau_s"]
-        what = f"no lock-in's filter is stated; one of {poles} of {time.value:.3g} ± {time.std:.1g} s"
+        known = "lockin_tau_s" in trial.log.bench
+        says = "another lock-in's filter is stated than" if known else "no lock-in's filter is stated;"
+        what = f"{says} one of {poles} of {time.value:.3g} ± {time.std:.1g} s"
         return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
 
     return Effect(

@@ -46,9 +46,9 @@ def _of(view: View, state: State) -> str | None:
     if share <= FED or abs(value) <= SEEN * error:
         return None
     about = f"{100 * share:.2g} ± {100 * error / settled:.1g} %"
+    shorter = ", or the lock-in's filter is shorter than is stated" if view.trial.smoothing[1] else ""
     return (
         f"{view.trial.log.name}: {about} of the settled response is there within a row, more than a bench"
-        f" feeds through: the"
-        " plant has a faster part beside tau, and G is not what is left; record rows closer together about"
-        " the step, or a sweep"
+        f" feeds through: the plant has a faster part beside tau{shorter}, and G is not what is left; record"
+        " rows closer together about the step, or a sweep"
     )
