@@ -15,6 +15,7 @@ from sysid.logs.copies import once
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError, called
 from sysid.logs.densities import amplitude_of
+from sysid.logs.filled import Arrays, filled, without_direct
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.mapfile import load_mapping
@@ -29,6 +30,7 @@ from sysid.logs.timed import timed
 from sysid.logs.together import doubted, in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.unknown import not_understood
 from sysid.logs.waveform import from_samples, sample_times, uneven
+from sysid.logs.within import within
 
 logger = logging.getLogger(__name__)
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
@@ -104,11 +106,8 @@ def log_of(
         count = len(rows)
     arrays = {key: _values(key, body, source, rows, count) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
-    keep, note = rows_to_keep(head, body, plan, rows, arrays, kind)
-    if keep is not None:
-        arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
-        rows = np.flatnonzero(keep) if rows is None else rows[keep]
-        plan, count = dataclasses.replace(plan, notes=(*plan.notes, note)), len(rows)
+    plan, rows, arrays = _kept(head, body, plan, rows, arrays, kind)
+    count = len(next(iter(arrays.values()))[0])
     plan = timed(head, body, plan, rows, arrays, kind)
     _refuse_impossible(head, body, plan, rows, arrays)
     digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
@@ -151,7 +150,22 @@ def log_of(
         raise not_understood(
             head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)"
         )
-    return log
+    return within(log)
+
+
+def _kept(
+    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: Arrays, kind: str | None
+) -> tuple[Plan, np.ndarray | None, Arrays]:
+    """The plan, the rows and the arrays of those that are kept, each with a number in all of its cells."""
+    arrays = dict(arrays)
+    plan = filled(head, body, plan, rows, arrays, kind)
+    for choose in (without_direct, rows_to_keep):
+        keep, note = choose(head, body, plan, rows, arrays, kind)
+        if keep is not None:
+            arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
+            rows = np.flatnonzero(keep) if rows is None else rows[keep]
+            plan = dataclasses.replace(plan, notes=(*plan.notes, note))
+    return plan, rows, arrays
 
 
 def with_response(
