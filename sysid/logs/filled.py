@@ -156,7 +156,7 @@ def _is_empty_in_part(
     if name not in arrays or plan.sources[name].column is None:
         return False
     none = np.isnan(arrays[name][0])
-    return bool(none.any()) and all_empty(head, body, plan, rows, {name: none})
+    return bool(none.any()) and all_empty(head, body, plan, rows, {name: none}, blank=name != "temperature")
 
 
 def _noted(plan: Plan, note: str) -> Plan:

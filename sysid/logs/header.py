@@ -36,13 +36,11 @@ from sysid.logs.unknown import drafted, not_understood
 
 INPUTS = ("time", "frequency", "temperature", "force")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
+# what counts the rows of an even sampling; "": the index that pandas writes, which has no name
 SAMPLES = (
-    "sample",
-    "samples",
-    "sample_no",
-    "sample_number",
-    "sample_index",
-)  # what counts the rows of an even sampling
+    *("sample", "samples", "sample_no", "sample_number", "sample_index"),
+    *("index", "idx", "row", "no", "n", "#", ""),
+)
 
 
 def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan]:
@@ -149,11 +147,15 @@ def contract_plan(head: Head) -> Plan:
     notes += add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
     counter = None if waveform or "time" in sources else _counter(head, unknown)
-    rate = sample_rate(head, head.metadata) if counter else None
-    if counter and rate:
+    rate = None if waveform or "time" in sources else _rate(head, sources, counter)
+    said: tuple[str, ...] = ()
+    if rate and counter is not None:
         sources["time"] = Source(counter, "s", column=head.names.index(counter), scale=1 / rate)
         unknown.remove(counter)
-        notes.append(f"column {counter} is read as time, at a sample rate of {rate:.7g} Hz")
+        notes.append(f"{_column(counter)} is read as time, at a sample rate of {rate:.7g} Hz")
+    elif rate:
+        sources["time"] = Source("the rows' number", "s", scale=1 / rate, counted=True)
+        said = (_evenly(head, rate),)
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
@@ -164,7 +166,7 @@ def contract_plan(head: Head) -> Plan:
         for name in ERRORS
         if name in sources
     ]
-    passing = None if waveform or counter or "time" in sources else _passing(head, unknown)
+    passing = None if waveform or counter is not None or "time" in sources else _passing(head, unknown)
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -173,7 +175,7 @@ def contract_plan(head: Head) -> Plan:
         head.metadata | ({"kind": "waveform"} if waveform else {}),
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
-        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else (),
+        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else said,
     )
 
 
@@ -192,9 +194,32 @@ def _counter(head: Head, labels: Collection[str]) -> str | None:
         label
         for label in labels
         if label.strip().casefold() in SAMPLES
-        and all(after == before + 1 for before, after in pairwise(_first_numbers(head, label)))
+        and (first := _first_numbers(head, label))
+        and all(after == before + 1 for before, after in pairwise(first))
     )
     return next(counting, None)
+
+
+def _rate(head: Head, sources: Mapping[str, Source], counter: str | None) -> float | None:
+    """The sample rate (Hz) of rows without a time: the one that is stated, of counted rows and of those of a
+    transient; else None. Raises LogError where it is no rate."""
+    if counter is None and stated(head.metadata, "kind") != "transient" and not _seems_timed(head, sources):
+        return None
+    return sample_rate(head, head.metadata)
+
+
+def _evenly(head: Head, rate: float) -> str:
+    """What is said of rows whose time is counted from a stated rate alone."""
+    return (
+        f"{head.name}: found no time; its rows are taken as one every {1 / rate:.7g} s, by the sample rate"
+        f" that is stated; where rows were left out or averaged since, state that rate, or `# kind: steady`"
+        f" of settled points"
+    )
+
+
+def _column(label: str) -> str:
+    """What a column is called in a sentence."""
+    return f"column {label}" if label.strip() else "a column without a name"
 
 
 def _passing(head: Head, labels: Collection[str]) -> str | None:
@@ -234,8 +259,10 @@ def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str,
     """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
     ways to say it. Empty of any other rows."""
     steady = "or `# kind: steady` of settled points"
-    if counter:
-        found = f"a column {counter!r} that counts the rows"
+    if counter is not None:
+        found = (
+            f"a column {counter!r} that counts the rows" if counter.strip() else "a column that counts them"
+        )
         way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
     elif passing:
         found = f"a column {passing!r} that goes up and states no unit of time"

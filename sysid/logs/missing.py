@@ -166,10 +166,15 @@ def _runs(chosen: np.ndarray) -> list[tuple[int, int]]:
 
 
 def all_empty(
-    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, bad: Mapping[str, np.ndarray]
+    head: Head,
+    body: Body,
+    plan: Plan,
+    rows: np.ndarray | None,
+    bad: Mapping[str, np.ndarray],
+    blank: bool = False,
 ) -> bool:
-    """Whether the cells that hold no number are empty, or hold what is written for none: no text, and no
-    overload."""
+    """Whether the cells that hold no number are empty, or (not for `blank`) hold a number that is written for
+    none: no text, and no overload."""
     cells: dict[int, list[int]] = {}
     for name, of in bad.items():
         column = plan.sources[name].column
@@ -181,7 +186,7 @@ def all_empty(
         lines = _lines(head.path, {body.line(head, row): columns for row, columns in cells.items()})
         parted = ((split_line(text, str(head.dialect.delimiter)), columns) for text, columns in lines)
         texts = ["".join(row[column : column + 1]).strip() for row, columns in parted for column in columns]
-    return all(text.casefold() in EMPTY or means_none(text) for text in texts)
+    return all(text.casefold() in EMPTY or (means_none(text) and not blank) for text in texts)
 
 
 def _lines(path: str, wanted: Mapping[int, list[int]]) -> list[tuple[str, list[int]]]:

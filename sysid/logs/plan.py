@@ -25,6 +25,7 @@ class Source:
     # the column does not bear the quantity's name, and is kept out where its dates do not serve
     spare: bool = False
     written: str = ""  # the constant, as text
+    counted: bool = False  # no column and no constant: the row's number, from 0 on
 
 
 @dataclass(frozen=True)

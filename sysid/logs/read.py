@@ -101,10 +101,10 @@ def log_of(
     name = head.name if value is None else f"{head.name}[{value}]"
     count = len(rows) if rows is not None else len(body)
     chosen = select_rows(plan.rows, value, count, head.path)
+    place = np.arange(count) if chosen is None else chosen
     if chosen is not None:
         rows = chosen if rows is None else rows[chosen]
-        count = len(rows)
-    arrays = {key: _values(key, body, source, rows, count) for key, source in plan.sources.items()}
+    arrays = {key: _values(key, body, source, rows, place) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
     plan, rows, arrays = _kept(head, body, plan, rows, arrays, kind)
     count = len(next(iter(arrays.values()))[0])
@@ -174,7 +174,7 @@ def with_response(
     """The log of the file at `path` with the inputs of `log` and its `head` and `plan`, but with metadata and
     a response of its own, of nothing but numbers. Raises LogError, which does not name the file."""
     arrays: dict[str, tuple[np.ndarray, str]] = {
-        key: _values(key, body, plan.sources[key], None, len(body))
+        key: _values(key, body, plan.sources[key], None, np.arange(len(body)))
         for key in ("w", "wd", "wq")
         if key in plan.sources
     }
@@ -218,12 +218,15 @@ def _sample_times(
 
 
 def _values(
-    name: str, body: Body, source: Source, rows: np.ndarray | None, count: int
+    name: str, body: Body, source: Source, rows: np.ndarray | None, place: np.ndarray
 ) -> tuple[np.ndarray, str]:
-    """Peak values of one source, NaN where a cell holds no number, and their unit."""
+    """Peak values of one source, NaN where a cell holds no number, and their unit; `place` (n,): which rows
+    of the experiment they are."""
     read = read_errors if name in ERRORS else decode
+    if source.counted:
+        return read(place.astype(float), source)
     if source.column is None:
-        return read(np.full(count, source.constant), source)
+        return read(np.full(len(place), source.constant), source)
     numbers = body.numbers[source.column]
     return read(numbers if rows is None else numbers[rows], source)
 
