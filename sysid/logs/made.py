@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from sysid.logs.cells import Dialect, listed
+from sysid.logs.doubts import doubted
 from sysid.logs.filled import direct, driven_frequency, not_direct, of_the_driven
 from sysid.logs.log import Log, LogError
 from sysid.logs.read import logs_of
 from sysid.logs.store import Store
-from sysid.logs.together import doubted
 from sysid.logs.within import within
 from sysid.logs.written import label
 
@@ -33,7 +33,7 @@ def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
             f"{name}: found {len(found)} experiments, expected one; make a log of each, by"
             f" frame.groupby('log')"
         )
-    return doubted(dataclasses.replace(found[0], name=name, path="", sha256=""))
+    return dataclasses.replace(found[0], name=name, path="", sha256="")
 
 
 def of_arrays(response: Any, name: str, fields: Mapping[str, Any]) -> Log:

@@ -15,6 +15,7 @@ from sysid.logs.copies import once
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError, called
 from sysid.logs.densities import amplitude_of
+from sysid.logs.doubts import doubted
 from sysid.logs.filled import Arrays, filled, without_direct
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
@@ -27,7 +28,7 @@ from sysid.logs.plan import Plan, Source, is_decibel
 from sysid.logs.signal import decode, is_analysed, lock_in, turned
 from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
 from sysid.logs.timed import timed
-from sysid.logs.together import doubted, in_common_units, of_one_plate, temperatures_in_names
+from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.unknown import not_understood
 from sysid.logs.waveform import from_samples, sample_times, uneven
 from sysid.logs.within import within
@@ -68,7 +69,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 def of_one_bench(logs: list[Log]) -> list[Log]:
     """Logs of one plate, each once, in the first one's units. Raises LogError where they are not."""
-    return temperatures_in_names([doubted(log) for log in once(in_common_units(of_one_plate(logs)))])
+    return temperatures_in_names(once(in_common_units(of_one_plate(logs))))
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
@@ -150,7 +151,8 @@ def log_of(
         raise not_understood(
             head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)"
         )
-    return within(log)
+    celsius = "temperature" in plan.sources and plan.sources["temperature"].unit == "degC"
+    return doubted(within(log), celsius)
 
 
 def _kept(
