@@ -44,7 +44,7 @@ def test_readings_of_a_sensor_that_was_not_ready_are_left_out(save, wrong):
 def test_temperatures_of_points_in_turn_are_kept(save):
     """Two set points, that every second row has; steps up and down; one reading of 4 degC."""
     index = np.arange(len(F))
-    for true in (np.where(index % 2, 20.0, 35.0), 20.0 + 15 * (index // 50 % 2), 20 + 4.0 * (index == 77)):
+    for true in (np.where(index % 2, 20.0, 35.0), 20.0 + 15 * (index // 51 % 2), 20 + 4.0 * (index == 77)):
         (log,) = read_logs(save(warmed(true)))
         np.testing.assert_array_equal(log.temperature, true)
         assert not log.warnings

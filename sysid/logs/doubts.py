@@ -46,10 +46,14 @@ def _ready(log: "Log") -> "Log":
     from scipy.ndimage import median_filter
 
     usual = float(np.median(np.abs(np.diff(warm))))
-    wrong = np.abs(warm - median_filter(warm, BESIDE, mode="mirror")) > max(JUMPS, USUAL * usual)
+    most, index = max(JUMPS, USUAL * usual), np.arange(len(warm))
+    wrong = np.abs(warm - median_filter(warm, BESIDE, mode="mirror")) > most
+    right = np.flatnonzero(~wrong)
+    after = np.searchsorted(right, index)
+    for beside in (right[np.maximum(after - 1, 0)], right[np.minimum(after, len(right) - 1)]):
+        wrong &= np.abs(warm - warm[beside]) > most  # the last before a step may stand alone
     if not wrong.any() or np.mean(wrong) > FEW:
         return log
-    index = np.arange(len(warm))
     values = listed([f"{value:.4g}" for value in np.unique(warm[wrong])])
     said = (
         f"{int(wrong.sum())} of its {len(warm)} temperatures ({values} degC) are far from those beside them,"
