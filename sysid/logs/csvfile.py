@@ -301,7 +301,11 @@ def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     names, units = split_line(line, delimiter), split_line(following[0], delimiter)
     bare = not any(re.search(r"[_\[(]", name) for name in names)
     texts = [unit.strip() for unit in units if unit.strip()]
-    return bare and len(names) == len(units) and bool(texts) and not any(map(is_number, texts))
+    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
+        texts
+    )  # 25.1 kHz, (1+2j)
+    named = bare and len(names) == len(units) and bool(texts)
+    return named and not row and not any(map(is_number, texts))
 
 
 def _with_units(line: str, units: str, dialect: Dialect) -> str:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from sysid.logs import arrow, audio, citi, matlab, tdms, touchstone, uff
 from sysid.logs.cells import Dialect, listed
+from sysid.logs.compound import simple
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.hdf import read_hdf
 from sysid.logs.jsonlines import is_jsonlines, read_jsonlines
@@ -40,7 +41,7 @@ def open_head(path: str, dialect: Dialect) -> Head:
                 f"{path}: found a text table, expected a file of several tables, as table ="
                 f" {dialect.table!r} says"
             )
-        return read_head(path, dialect)
+        return simple(read_head(path, dialect))
     reader, kind = found
     head = reader(path, kind).head(dialect)
     spare = [
