@@ -19,7 +19,7 @@ kept
 precision
 shell
 shown
-logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody compound store hdf matlab arrow audio tdms
+logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody compound store hdf matlab arrays arrow audio tdms
            jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing filled stated timed labels
            columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
