@@ -100,11 +100,23 @@ def test_a_drive_that_is_lost_while_the_plate_is_driven_is_refused(save, gaps):
 def test_the_frequency_of_rows_without_a_drive_is_that_of_the_driven_ones(save, cell):
     (log,) = read_logs(save(table(HEAD, rows(), [*OFF, *LATE], cell, column=2)))
     np.testing.assert_array_equal(log.frequency, np.full(400, AT))
-    assert any(f"in {len(OFF) + len(LATE)} rows without a drive no frequency" in note for note in log.notes)
+    assert any(f"in {len(OFF) + len(LATE)} rows no frequency is recorded" in note for note in log.notes)
     made = Log.from_arrays(
         BURST, time=T, drive=np.where(ON, 10.0, 0.0), frequency=np.where(ON, AT, 0.0), temperature=24.0
     )
     np.testing.assert_array_equal(made.frequency, log.frequency)
+
+
+def test_a_frequency_that_is_lost_while_driven_is_that_of_both_sides(save):
+    """Not where they differ, nor before the first."""
+    amid, first = np.arange(100, 104), np.flatnonzero(ON)[:3]
+    (log,) = read_logs(save(table(HEAD, rows(), amid, "0", column=2)))
+    np.testing.assert_array_equal(log.frequency, np.full(400, AT))
+    two = np.where(np.arange(400) < 102, AT, AT + 30)
+    (log,) = read_logs(save(table(HEAD, rows(frequency=two), amid, "0", column=2)))
+    np.testing.assert_array_equal(log.frequency[amid], 0)
+    (log,) = read_logs(save(table(HEAD, rows(), first, "0", column=2)))
+    np.testing.assert_array_equal(log.frequency[first], 0)
 
 
 def test_a_burst_whose_frequency_is_0_while_idle_is_fitted(save):

@@ -33,6 +33,11 @@ KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", 
 VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
 _CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
 
+_OF_A_CIRCUIT = (
+    "# Cp, D and the like are elements of a circuit, and no response: have the analyser write Z and theta, or"
+    " R and X"
+)
+
 
 def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
     """A mapping file for this file, filled in as far as the names tell, and as is `given` by the options of
@@ -53,6 +58,7 @@ def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
     lines = []
     if not head.dialect.header and not any(head.names):
         lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
+    lines += [_OF_A_CIRCUIT] if columns.is_circuit and not found.keys() & {"x", "y", "magnitude", "w"} else []
     lines += draft.of_samples() if samples else draft.of_ratio() if ratio else draft.of_rows()
     lines += draft.dialect()
     lines += ["", "[columns]", *draft.columns_found(), *draft.columns_missing()]

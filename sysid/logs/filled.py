@@ -58,23 +58,25 @@ def direct(where: str) -> str:
 
 
 def driven_frequency(frequency: np.ndarray, drive: np.ndarray) -> np.ndarray | None:
-    """(n,) frequencies of a transient, those of rows without a drive where nothing (0 or NaN) is recorded as
-    in the last row with a drive, before all of them as in the first; None where nothing is to be changed."""
+    """(n,) frequencies of a transient, where nothing (0 or NaN) is recorded: in rows without a drive that of
+    the last row with a drive, before all of them of the first; in driven rows that of those on both sides,
+    where it is one. None where nothing is to be changed."""
     unknown = ~(np.abs(frequency) > 0)
-    driven = (drive != 0) & ~unknown
-    idle = unknown & (drive == 0)
-    if not (idle.any() and driven.any()):
+    driven = np.flatnonzero((drive != 0) & ~unknown)
+    if not len(driven) or not unknown.any():
         return None
-    index = np.arange(len(drive))
-    last = np.maximum.accumulate(np.where(driven, index, int(np.argmax(driven))))
-    return np.where(idle, frequency[last], frequency)
+    after = np.searchsorted(driven, np.arange(len(drive)))
+    last, following = (frequency[driven[np.clip(after - k, 0, len(driven) - 1)]] for k in (1, 0))
+    between = (after > 0) & (after < len(driven)) & (last == following)
+    known = unknown & ((drive == 0) | between)
+    return np.where(known, last, frequency) if known.any() else None
 
 
 def of_the_driven(rows: int) -> str:
-    """What is said of the frequency of rows without a drive."""
+    """What is said of the frequency of rows that have none."""
     return (
-        f"in {rows} rows without a drive no frequency is recorded; taken as that of the nearest driven row"
-        f" before them, or of the first"
+        f"in {rows} rows no frequency is recorded; taken as that of the driven row before them, or of the"
+        f" first"
     )
 
 
