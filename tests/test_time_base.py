@@ -71,6 +71,22 @@ def test_rows_that_nothing_counts_have_a_time_at_a_stated_rate(save):
     np.testing.assert_allclose(log.time, np.delete(TIME, 10), rtol=1e-12)
 
 
+def test_a_mapping_file_states_the_rate_of_rows_without_a_time(save):
+    """As of a structure of MATLAB, whose period is a constant: the draft has its inverse."""
+    text = bare(step("k,u,f,a,b", "# Ts: 1e-4\n")) + "\n"
+    with pytest.raises(LogError) as refusal:
+        read_logs(save(text))
+    assert "sample_rate_Hz = 10000  # 1/Ts, in s" in refusal.value.mapping
+    mapping = 'amplitude = "peak"\n[columns]\nvoltage = { column = "u", unit = "V" }\n'
+    mapping += 'frequency = { column = "f", unit = "Hz" }\nwd = { column = "a", unit = "um" }\n'
+    mapping += 'wq = { column = "b", unit = "um" }\n[metadata]\nsample_rate_Hz = 10000\n'
+    (log,) = read_logs(save(text), columns=save(mapping, "map.toml"))
+    np.testing.assert_allclose(log.time, TIME, rtol=1e-12)
+    assert log.kind == "transient" and any("one every 0.0001 s" in note for note in log.notes)
+    (log,) = read_logs(save(text), columns=save('kind = "steady"\n' + mapping, "steady.toml"))
+    assert log.time is None
+
+
 def test_settled_points_have_no_time_beside_a_stated_rate(save):
     """Neither those that say so, nor a sweep's."""
     (log,) = read_logs(save(bare(step(HEADER, "# sample_rate_Hz: 10000\n# kind: steady\n")) + "\n"))

@@ -17,7 +17,7 @@ from sysid.logs.densities import amplitude_of
 from sysid.logs.found import completed, with_preset
 from sysid.logs.labels import INPUTS as CALLED
 from sysid.logs.mapping import MappingFile
-from sysid.logs.metadata import metadata_number, refuse_repeated, sample_rate, stated
+from sysid.logs.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
 from sysid.logs.plan import Plan, Source, is_absent, is_decibel
 from sysid.logs.preset import recognised
 from sysid.logs.stamps import EXAMPLE, is_local
@@ -63,7 +63,7 @@ def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile 
 def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     """The plan for a file, by the mapping file where that names columns, else by the file's own names."""
     if mapping and mapping.names_columns:
-        plan = mapping.plan(head)
+        plan = _by_rate(head, mapping.plan(head))
     elif mapping:
         plan = mapping.beside(contract_plan(dataclasses.replace(head, metadata=mapping.metadata(head))), head)
     else:
@@ -72,6 +72,27 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     if plan.quantity != "impedance":
         _refuse_ohms(head, plan, mapping)
     return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+
+
+def _by_rate(head: Head, plan: Plan) -> Plan:
+    """The plan with a time of rows that have none, by a stated sample rate, and what is to be said of it."""
+    if plan.sources.keys() & {"time", "response"}:
+        return plan
+    if not (rate := _rate(dataclasses.replace(head, metadata=plan.metadata), plan.sources, None)):
+        return plan
+    told, key = _evenly(head, rate), rate_key(head.metadata)
+    notes, warnings = ((), (told,)) if key and key in plan.metadata else ((told,), ())
+    return dataclasses.replace(
+        plan,
+        sources=plan.sources | {"time": _numbered(rate)},
+        notes=(*plan.notes, *notes),
+        warnings=(*plan.warnings, *warnings),
+    )
+
+
+def _numbered(rate: float) -> Source:
+    """The time of rows that follow one another at a rate (Hz)."""
+    return Source("the rows' number", "s", scale=1 / rate, counted=True)
 
 
 def _powers(head: Head, plan: Plan) -> list[str]:
@@ -154,7 +175,7 @@ def contract_plan(head: Head) -> Plan:
         unknown.remove(counter)
         notes.append(f"{_column(counter)} is read as time, at a sample rate of {rate:.7g} Hz")
     elif rate:
-        sources["time"] = Source("the rows' number", "s", scale=1 / rate, counted=True)
+        sources["time"] = _numbered(rate)
         said = (_evenly(head, rate),)
     if waveform:
         _check_waveform(head, sources, unknown)
