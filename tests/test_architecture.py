@@ -19,9 +19,9 @@ kept
 precision
 shell
 shown
-logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody store hdf matlab arrow audio tdms
-           jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing stated timed labels
-           columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together copies log read alike taken written made
+logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody compound store hdf matlab arrays arrow audio tdms
+           jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing filled stated timed labels
+           columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
@@ -63,6 +63,8 @@ WITHIN = {
     "scene.scene": {"scene.simulation", "scene.toml", *SHOWN},
     "logs.log": {"logs.made", *SHOWN},
     "logs.together": {"logs.log"},  # the type alone
+    "logs.within": {"logs.log"},  # the same
+    "logs.doubts": {"logs.log"},  # the same
     "logs.copies": {"logs.log"},  # the same
     "verdict.fitted": {"posterior.posterior", "posterior.prediction", "command.sets", *SHOWN},
     "verdict.comparison": SHOWN,

@@ -366,3 +366,50 @@ def test_what_lock_ins_are_known_to_state_is_not_asked(save):
     assert asked(draft) == ["quantity"]
     (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
     np.testing.assert_allclose(log.response, np.sqrt(2) * 1j * S, rtol=1e-12)
+
+
+def test_names_of_several_words_between_blanks_are_the_header(save):
+    """As finite-element programs write them, in a comment above columns of blanks."""
+    names = "% freq (Hz)             abs(w) (um)              arg(w) (rad)"
+    rows = "".join(f"{f:.6f}    {abs(s):.9e}    {np.angle(s):.9e}\n" for f, s in zip(F, S, strict=True))
+    path = save(f"% Model:              plate.mph\n% Version:            6.1\n{names}\n{rows}")
+    draft = refused(path).mapping
+    assert tomllib.loads(answered(draft))["columns"] == {
+        "frequency": {"column": "freq (Hz)", "unit": "Hz"},
+        "magnitude": {"column": "abs(w) (um)", "unit": "um"},
+        "phase": {"column": "arg(w) (rad)", "unit": "rad"},
+    }
+    (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(np.abs(log.response), np.abs(S), rtol=1e-8)
+
+
+def test_a_header_in_cyrillic_whose_names_hold_commas(save, tmp_path):
+    """Of Windows-1251, parted by semicolons, with decimal commas."""
+    rows = "".join(
+        f"{f:.2f};{abs(s):.6f};{np.degrees(np.angle(s)):.4f}\n".replace(".", ",")
+        for f, s in zip(F, S, strict=True)
+    )
+    path = tmp_path / "data.csv"
+    path.write_bytes(("Частота, Гц;Амплитуда, мкм;Фаза, град\n" + rows).encode("cp1251"))
+    draft = refused(path).mapping
+    assert tomllib.loads(answered(draft))["columns"] == {
+        "frequency": {"column": "Частота, Гц", "unit": "Hz"},
+        "magnitude": {"column": "Амплитуда, мкм", "unit": "um"},
+        "phase": {"column": "Фаза, град", "unit": "deg"},
+    }
+    (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(log.frequency, np.round(F, 2))
+    assert "line 1 is not UTF-8: read as Windows-1251" in log.notes
+    umlauts = "Frequenz [Hz];Größe [µm];Phase [°]\n"
+    path.write_bytes((umlauts + rows).encode("cp1252"))
+    assert '"Größe [µm]"' in refused(path).mapping
+
+
+def test_elements_of_a_circuit_are_told_to_be_no_response(save):
+    draft = refused(save(table("FREQ[Hz],CP[F],D", F, np.full(len(F), 1e-9), 1e-3 * F / F[0]))).mapping
+    assert "# Cp, D and the like are elements of a circuit" in draft
+
+
+def test_a_drive_is_known_by_its_names(save):
+    draft = draft_of(save(table("Time(us),Vdrive(V),F(kHz),Wd(nm),Wq(nm)", T, *re_im(S), *re_im(S))))
+    assert tomllib.loads(answered(draft))["columns"]["voltage"] == {"column": "Vdrive(V)", "unit": "V"}

@@ -808,11 +808,8 @@ def test_a_log_checks_itself(fields, words):
 
 LARGEST = 9.8e37  # what is larger is no number, as instruments write it
 FINITE = st.floats(-LARGEST, LARGEST, width=64)
-BENCH = {
-    "lockin_tau_s": st.floats(0, LARGEST),
-    "lockin_order": st.sampled_from([1.0, 4.0]),
-    "delay_s": FINITE,
-}
+BENCH = {"lockin_order": st.sampled_from([1.0, 4.0]), "settle_s": st.floats(0, LARGEST)}
+TIMES = {"lockin_tau_s": st.floats(0, 0.9), "delay_s": st.floats(-0.9, 0)}  # of what the record lasts
 
 
 @st.composite
@@ -827,22 +824,25 @@ def any_log(draw):
         imaginary, real = draw(column), response
         response = np.empty(count, complex)
         response.real, response.imag = real, imaginary
+    time = np.sort(draw(column))
+    lasts = float(time[-1] - time[0]) or 1.0
+    times = {key: share * lasts for key, share in draw(st.fixed_dictionaries({}, optional=TIMES)).items()}
     return Log(
         "made",
         response,
-        time=np.sort(draw(column)),
+        time=time,
         drive=draw(
             st.none()
             | (arrays.arrays(np.float64, count, elements=st.floats(-1, 1)) if unit == "duty" else column)
         ),
-        frequency=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(0, LARGEST))),
+        frequency=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(1e-300, LARGEST))),
         temperature=draw(st.none() | arrays.arrays(np.float64, count, elements=st.floats(-273.15, LARGEST))),
         force=draw(maybe),
         sampling=draw(st.sampled_from([None, "instant", "settled"])),
         response_unit=draw(st.sampled_from(["um", "m/s", "A*s", "1", "degree_Celsius"])),
         drive_unit=unit,
         metadata={"plate": "A7", "note": "a: b, c", "temperature_degC": "7", "kind": "gone"},
-        bench=draw(st.fixed_dictionaries({}, optional=BENCH)),
+        bench={**draw(st.fixed_dictionaries({}, optional=BENCH)), **times},
     )
 
 

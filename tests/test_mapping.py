@@ -134,6 +134,21 @@ def test_amplitude_is_for_drive_and_response(read):
     assert log.response.tolist() == [0.5, 1.0]
 
 
+def test_whether_a_drive_is_rms_is_said_where_it_does_not_say_so_itself(read):
+    """Of a column it is what `amplitude` says, a constant is peak."""
+    table = "t_s,U_V,d_um\n0,1,1\n1,2,2\n"
+    toml = 'amplitude = "rms"\n[columns]\ntime = "t_s"\nw = "d_um"\n'
+    (log,) = read(toml + 'voltage = "U_V"\n', table)
+    assert log.drive[0] == math.sqrt(2)
+    assert any("voltage in column U_V is taken as rms, as amplitude says" in note for note in log.notes)
+    (log,) = read(toml + '[constants]\nvoltage = "1 V"\n', table)
+    assert log.drive[0] == 1
+    assert any("constant voltage is taken as peak; write V_rms" in note for note in log.notes)
+    for said in ('voltage = { column = "U_V", amplitude = "rms" }\n', '[constants]\nvoltage = "1 V_rms"\n'):
+        (log,) = read(toml + said, table)
+        assert log.drive[0] == math.sqrt(2) and not log.notes
+
+
 def test_nothing_is_taken_for_granted_in_silence(read):
     (log,) = read(
         '[columns]\nfrequency = "f_Hz"\nx = "X_V"\ny = "Y_V"\nvoltage = { column = "T_C", unit = "V" }'

@@ -46,6 +46,57 @@ def test_samples_that_are_counted_are_a_time_at_a_stated_rate(save, above):
         assert abs(fit.parameters[name].value - getattr(PLANT, name)) < 4 * fit.parameters[name].std
 
 
+@pytest.mark.parametrize("name", ["", "index", "#", "n"])
+def test_rows_that_are_counted_by_another_name_have_a_time_at_a_stated_rate(save, name):
+    """An index that pandas writes has none."""
+    (log,) = read_logs(save(step(HEADER.replace("sample", name), "# sample_rate_Hz: 10000\n", first=1)))
+    np.testing.assert_allclose(log.time, TIME + 1 / RATE, rtol=1e-12)
+    assert not log.warnings and any("is read as time, at a sample rate" in note for note in log.notes)
+
+
+def bare(text):
+    return "\n".join(line.partition(",")[2] if line[0] != "#" else line for line in text.split("\n") if line)
+
+
+def test_rows_that_nothing_counts_have_a_time_at_a_stated_rate(save):
+    """A log of the same rows, but for the column that counts them; one is lost, and its time with it."""
+    text = bare(step(HEADER, "# sample_rate_Hz: 10000\n")).split("\n")
+    (log,) = read_logs(save("\n".join(text) + "\n"))
+    np.testing.assert_allclose(log.time, TIME, rtol=1e-12)
+    (warning,) = log.warnings
+    assert "found no time; its rows are taken as one every 0.0001 s" in warning
+    row = text[12].split(",")
+    text[12] = ",".join([*row[:-1], ""])
+    (log,) = read_logs(save("\n".join(text) + "\n"))
+    np.testing.assert_allclose(log.time, np.delete(TIME, 10), rtol=1e-12)
+
+
+def test_a_mapping_file_states_the_rate_of_rows_without_a_time(save):
+    """As of a structure of MATLAB, whose period is a constant: the draft has its inverse."""
+    text = bare(step("k,u,f,a,b", "# Ts: 1e-4\n")) + "\n"
+    with pytest.raises(LogError) as refusal:
+        read_logs(save(text))
+    assert "sample_rate_Hz = 10000  # 1/Ts, in s" in refusal.value.mapping
+    mapping = 'amplitude = "peak"\n[columns]\nvoltage = { column = "u", unit = "V" }\n'
+    mapping += 'frequency = { column = "f", unit = "Hz" }\nwd = { column = "a", unit = "um" }\n'
+    mapping += 'wq = { column = "b", unit = "um" }\n[metadata]\nsample_rate_Hz = 10000\n'
+    (log,) = read_logs(save(text), columns=save(mapping, "map.toml"))
+    np.testing.assert_allclose(log.time, TIME, rtol=1e-12)
+    assert log.kind == "transient" and any("one every 0.0001 s" in note for note in log.notes)
+    (log,) = read_logs(save(text), columns=save('kind = "steady"\n' + mapping, "steady.toml"))
+    assert log.time is None
+
+
+def test_settled_points_have_no_time_beside_a_stated_rate(save):
+    """Neither those that say so, nor a sweep's."""
+    (log,) = read_logs(save(bare(step(HEADER, "# sample_rate_Hz: 10000\n# kind: steady\n")) + "\n"))
+    assert log.time is None and log.kind == "steady" and not log.warnings
+    swept = "# sample_rate_Hz: 1000\nfrequency_Hz,wd_um,wq_um\n" + "".join(
+        f"{100 + k},1,{k}\n" for k in range(9)
+    )
+    assert read_logs(save(swept))[0].time is None
+
+
 def test_samples_without_a_rate_are_named(save):
     (log,) = read_logs(save(step(HEADER)))
     assert log.kind == "steady"  # as the contract has it of a log without time

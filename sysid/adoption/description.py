@@ -87,7 +87,7 @@ class Description(NamedTuple):
             trial = self.state.trials[first]
             numbers = x.effect.numbers(trial, self.numbers[part], stds[part], about)
             told = x.effect.said(trial, numbers)
-            as_well = " or ".join(f"a {name.replace('_', ' ')}" for name in self.nearly)
+            as_well = " or ".join(with_article(name) for name in self.nearly)
             doubt = f" ({as_well} describes it nearly as well)" if as_well else ""
             another = x.effect.another
             so = "so that it has no G and tau of first order" if another else beside
@@ -102,6 +102,11 @@ class Description(NamedTuple):
         return {
             (name, i) for x in self.instances for name in (x.effect.name, *x.effect.known_as) for i in x.where
         }
+
+
+def with_article(name: str) -> str:
+    """The name of an effect in a sentence: an image, a second mode."""
+    return f"{'an' if name[0] in 'aeiou' else 'a'} {name.replace('_', ' ')}"
 
 
 def _white(trial: Trial, model: np.ndarray) -> bool:

@@ -15,6 +15,7 @@ from typing import BinaryIO, NamedTuple
 from sysid.logs import layout, units
 from sysid.logs.cells import (
     GROUPED,
+    WHITESPACE,
     Dialect,
     find_delimiter,
     is_number,
@@ -129,7 +130,7 @@ def _read_top(path: str, dialect: Dialect) -> Head:
         line, above, comments = _usual_header(lines, comments, dialect)
         depth = above
     header = tuple(map(bytes.strip, raws[above - depth : above] if above else [last] if line else []))
-    delimiter = dialect.delimiter or find_delimiter(line.strip() or lines[above])
+    delimiter = dialect.delimiter or _delimiter(line.strip(), lines[above] if above < len(lines) else "")
     rows = tuple(tuple(split_line(text, delimiter)) for text in lines[above : above + SAMPLE] if text.strip())
     if not rows:
         raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
@@ -157,6 +158,16 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     said = (*comments, *(lines[: top.names] if top else ()))
     told = (tuple(notes), below, header, remarks)
     return Head(path, metadata, repeated, names, known, start, number + above, rows, *told, above=said)
+
+
+def _delimiter(header: str, row: str) -> str:
+    """The mark that parts a header ("": none), or the row below it where that is parted by another one into
+    as many numbers: names of several words may hold a comma."""
+    first, second = find_delimiter(header or row), find_delimiter(row)
+    cells = split_line(row, second)
+    alike = len(cells) > 1 and len(split_line(header, second)) == len(cells)
+    numbers = alike and all(is_number(cell) for cell in cells if cell.strip())
+    return second if first == "," and numbers else first
 
 
 class _Above(NamedTuple):
@@ -210,9 +221,11 @@ def _decoded(raw: bytes, encoding: str, number: int, notes: list[str]) -> tuple[
     try:
         line = raw.decode(encoding)
     except UnicodeDecodeError:
-        encoding = "cp1252"
+        letters = re.findall(rb"[A-Za-z\x80-\xff]", raw)
+        cyrillic = 2 * sum(letter >= b"\xc0" for letter in letters) > len(letters)
+        encoding = "cp1251" if cyrillic else "cp1252"
         line = raw.decode(encoding, errors="replace")
-        notes.append(f"line {number} is not UTF-8: read as Windows-1252")
+        notes.append(f"line {number} is not UTF-8: read as Windows-{encoding[2:]}")
     return line, encoding.removesuffix("-sig")
 
 
@@ -289,6 +302,9 @@ def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tupl
         width = len(split_line(row, delimiter))
         if width > 1 and len(split_line(comments[-1], delimiter)) == width:
             return comments[-1], comments[:-1]
+        apart = re.split(r"\t+|\s{2,}", comments[-1])  # names of several words, in columns of blanks
+        if width > 1 and delimiter == WHITESPACE and len(apart) == width:
+            return " ".join(f'"{name}"' for name in apart), comments[:-1]
     return "", comments
 
 
@@ -301,7 +317,11 @@ def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     names, units = split_line(line, delimiter), split_line(following[0], delimiter)
     bare = not any(re.search(r"[_\[(]", name) for name in names)
     texts = [unit.strip() for unit in units if unit.strip()]
-    return bare and len(names) == len(units) and bool(texts) and not any(map(is_number, texts))
+    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
+        texts
+    )  # 25.1 kHz, (1+2j)
+    named = bare and len(names) == len(units) and bool(texts)
+    return named and not row and not any(map(is_number, texts))
 
 
 def _with_units(line: str, units: str, dialect: Dialect) -> str:

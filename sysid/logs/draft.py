@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sysid.logs import densities, units
-from sysid.logs.cells import is_number, listed
+from sysid.logs.cells import is_number, listed, to_number
 from sysid.logs.columns import Columns, fits
 from sysid.logs.csvfile import Head
 from sysid.logs.labels import GAINS, NOT_DATA, SCATTERING
@@ -18,6 +18,7 @@ from sysid.logs.plan import ANGLES, is_decibel
 from sysid.logs.preset import named, recognised
 from sysid.logs.roles import QUICK, lone_signal, plausible, roles, undecided, waveform
 
+PERIODS = ("ts", "dt", "tinterval", "sample_time", "sampletime")  # what the time from row to row is called
 SPLITS = (
     "log",
     "chunk",
@@ -32,6 +33,11 @@ KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", 
 # amplitude.
 VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
 _CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
+
+_OF_A_CIRCUIT = (
+    "# Cp, D and the like are elements of a circuit, and no response: have the analyser write Z and theta, or"
+    " R and X"
+)
 
 
 def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
@@ -53,6 +59,7 @@ def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
     lines = []
     if not head.dialect.header and not any(head.names):
         lines += [f"# {_in_comment(f'{head.path} has no header; first row: {listed(head.sample[0])}')}"]
+    lines += [_OF_A_CIRCUIT] if columns.is_circuit and not found.keys() & {"x", "y", "magnitude", "w"} else []
     lines += draft.of_samples() if samples else draft.of_ratio() if ratio else draft.of_rows()
     lines += draft.dialect()
     lines += ["", "[columns]", *draft.columns_found(), *draft.columns_missing()]
@@ -231,7 +238,16 @@ class _Draft:
         rate = "time" in self.found or any(
             key.casefold().startswith("sample_rate") for key in self.head.metadata
         )
+        if not rate and (period := self._period()):
+            return [*lines, "", "[metadata]", period]
         return lines + (["", "# [metadata]", "# sample_rate_Hz = 1e6"] if samples and not rate else [])
+
+    def _period(self) -> str:
+        """The line that states the sample rate, where a constant of the file is a period in s; else ""."""
+        stated = (
+            (key, to_number(value)) for key, value in self.head.metadata.items() if key.casefold() in PERIODS
+        )
+        return next((f"sample_rate_Hz = {1 / of:.12g}  # 1/{key}, in s" for key, of in stated if of > 0), "")
 
     def _stated(self) -> dict[str, str]:
         """Constant inputs of the file's own metadata, which a mapping file with columns has to name."""

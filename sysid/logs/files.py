@@ -5,8 +5,9 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
-from sysid.logs import arrow, audio, citi, matlab, tdms, touchstone, uff
+from sysid.logs import arrays, arrow, audio, citi, matlab, tdms, touchstone, uff
 from sysid.logs.cells import Dialect, listed
+from sysid.logs.compound import simple
 from sysid.logs.csvfile import Head, LogError, read_head
 from sysid.logs.hdf import read_hdf
 from sysid.logs.jsonlines import is_jsonlines, read_jsonlines
@@ -22,7 +23,9 @@ BY_MARK: dict[bytes, tuple[Reader, str]] = {
     b"RIFF": (audio.read_wav, "a WAV file"),
     b"CITIFILE": (citi.read_citi, "a CITI file"),
     b"TDSm": (tdms.read_tdms, "a TDMS file"),
+    b"\x93NUMPY": (arrays.read_npy, "a numpy array"),
 }
+ZIP = b"PK\x03\x04"  # of archives of many kinds
 USER_BLOCKS = (512, 1024, 2048)  # bytes that may stand before an HDF5 file's own
 JSON = r"\.(jsonl|ndjson|json)(\.(gz|bz2|xz))?$"
 UFF = r"\.uff|\.unv"
@@ -40,7 +43,7 @@ def open_head(path: str, dialect: Dialect) -> Head:
                 f"{path}: found a text table, expected a file of several tables, as table ="
                 f" {dialect.table!r} says"
             )
-        return read_head(path, dialect)
+        return simple(read_head(path, dialect))
     reader, kind = found
     head = reader(path, kind).head(dialect)
     spare = [
@@ -67,5 +70,8 @@ def _reader(path: str) -> tuple[Reader, str] | None:
         (of for ending, of in BY_ENDING.items() if re.search(rf"({ending})$", path, re.I)), None
     ):
         return found
-    may_be = first.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{") or re.search(JSON, path, re.IGNORECASE)
-    return (read_jsonlines, "a file of JSON lines") if may_be and is_jsonlines(path) else None
+    if first.startswith(ZIP) and arrays.is_npz(path):
+        return arrays.read_npz, "a numpy archive"
+    begins = first.lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"{", b"["))
+    may_be = begins or re.search(JSON, path, re.IGNORECASE)
+    return (read_jsonlines, "a file of JSON") if may_be and is_jsonlines(path) else None

@@ -17,7 +17,7 @@ from sysid.logs.densities import amplitude_of
 from sysid.logs.found import completed, with_preset
 from sysid.logs.labels import INPUTS as CALLED
 from sysid.logs.mapping import MappingFile
-from sysid.logs.metadata import metadata_number, refuse_repeated, sample_rate, stated
+from sysid.logs.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
 from sysid.logs.plan import Plan, Source, is_absent, is_decibel
 from sysid.logs.preset import recognised
 from sysid.logs.stamps import EXAMPLE, is_local
@@ -36,13 +36,11 @@ from sysid.logs.unknown import drafted, not_understood
 
 INPUTS = ("time", "frequency", "temperature", "force")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
+# what counts the rows of an even sampling; "": the index that pandas writes, which has no name
 SAMPLES = (
-    "sample",
-    "samples",
-    "sample_no",
-    "sample_number",
-    "sample_index",
-)  # what counts the rows of an even sampling
+    *("sample", "samples", "sample_no", "sample_number", "sample_index"),
+    *("index", "idx", "row", "no", "n", "#", ""),
+)
 
 
 def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan]:
@@ -65,7 +63,7 @@ def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile 
 def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     """The plan for a file, by the mapping file where that names columns, else by the file's own names."""
     if mapping and mapping.names_columns:
-        plan = mapping.plan(head)
+        plan = _by_rate(head, mapping.plan(head))
     elif mapping:
         plan = mapping.beside(contract_plan(dataclasses.replace(head, metadata=mapping.metadata(head))), head)
     else:
@@ -74,6 +72,27 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     if plan.quantity != "impedance":
         _refuse_ohms(head, plan, mapping)
     return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+
+
+def _by_rate(head: Head, plan: Plan) -> Plan:
+    """The plan with a time of rows that have none, by a stated sample rate, and what is to be said of it."""
+    if plan.sources.keys() & {"time", "response"}:
+        return plan
+    if not (rate := _rate(dataclasses.replace(head, metadata=plan.metadata), plan.sources, None)):
+        return plan
+    told, key = _evenly(head, rate), rate_key(head.metadata)
+    notes, warnings = ((), (told,)) if key and key in plan.metadata else ((told,), ())
+    return dataclasses.replace(
+        plan,
+        sources=plan.sources | {"time": _numbered(rate)},
+        notes=(*plan.notes, *notes),
+        warnings=(*plan.warnings, *warnings),
+    )
+
+
+def _numbered(rate: float) -> Source:
+    """The time of rows that follow one another at a rate (Hz)."""
+    return Source("the rows' number", "s", scale=1 / rate, counted=True)
 
 
 def _powers(head: Head, plan: Plan) -> list[str]:
@@ -149,11 +168,15 @@ def contract_plan(head: Head) -> Plan:
     notes += add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
     counter = None if waveform or "time" in sources else _counter(head, unknown)
-    rate = sample_rate(head, head.metadata) if counter else None
-    if counter and rate:
+    rate = None if waveform or "time" in sources else _rate(head, sources, counter)
+    said: tuple[str, ...] = ()
+    if rate and counter is not None:
         sources["time"] = Source(counter, "s", column=head.names.index(counter), scale=1 / rate)
         unknown.remove(counter)
-        notes.append(f"column {counter} is read as time, at a sample rate of {rate:.7g} Hz")
+        notes.append(f"{_column(counter)} is read as time, at a sample rate of {rate:.7g} Hz")
+    elif rate:
+        sources["time"] = _numbered(rate)
+        said = (_evenly(head, rate),)
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
@@ -164,7 +187,7 @@ def contract_plan(head: Head) -> Plan:
         for name in ERRORS
         if name in sources
     ]
-    passing = None if waveform or counter or "time" in sources else _passing(head, unknown)
+    passing = None if waveform or counter is not None or "time" in sources else _passing(head, unknown)
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -173,7 +196,7 @@ def contract_plan(head: Head) -> Plan:
         head.metadata | ({"kind": "waveform"} if waveform else {}),
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
-        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else (),
+        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else said,
     )
 
 
@@ -192,9 +215,32 @@ def _counter(head: Head, labels: Collection[str]) -> str | None:
         label
         for label in labels
         if label.strip().casefold() in SAMPLES
-        and all(after == before + 1 for before, after in pairwise(_first_numbers(head, label)))
+        and (first := _first_numbers(head, label))
+        and all(after == before + 1 for before, after in pairwise(first))
     )
     return next(counting, None)
+
+
+def _rate(head: Head, sources: Mapping[str, Source], counter: str | None) -> float | None:
+    """The sample rate (Hz) of rows without a time: the one that is stated, of counted rows and of those of a
+    transient; else None. Raises LogError where it is no rate."""
+    if counter is None and stated(head.metadata, "kind") != "transient" and not _seems_timed(head, sources):
+        return None
+    return sample_rate(head, head.metadata)
+
+
+def _evenly(head: Head, rate: float) -> str:
+    """What is said of rows whose time is counted from a stated rate alone."""
+    return (
+        f"{head.name}: found no time; its rows are taken as one every {1 / rate:.7g} s, by the sample rate"
+        f" that is stated; where rows were left out or averaged since, state that rate, or `# kind: steady`"
+        f" of settled points"
+    )
+
+
+def _column(label: str) -> str:
+    """What a column is called in a sentence."""
+    return f"column {label}" if label.strip() else "a column without a name"
 
 
 def _passing(head: Head, labels: Collection[str]) -> str | None:
@@ -234,8 +280,10 @@ def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str,
     """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
     ways to say it. Empty of any other rows."""
     steady = "or `# kind: steady` of settled points"
-    if counter:
-        found = f"a column {counter!r} that counts the rows"
+    if counter is not None:
+        found = (
+            f"a column {counter!r} that counts the rows" if counter.strip() else "a column that counts them"
+        )
         way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
     elif passing:
         found = f"a column {passing!r} that goes up and states no unit of time"

@@ -1,7 +1,9 @@
-"""JSON lines: an object a line is a row of numbers and texts, or a table where its values are lists; names
-within names are joined by a point. Objects before the rows that share no name with them state constants."""
+"""JSON: an object a line, or of a list, is a row of numbers and texts, or a table where its values are lists;
+names within names are joined by a point. Objects before the rows that share no name with them state
+constants. A file that is one object or one list over many lines is read whole."""
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -10,6 +12,7 @@ import numpy as np
 from sysid.logs.store import Store
 from sysid.logs.textfile import LogError, open_text, read_line
 
+LARGEST = 1 << 28  # bytes of a file that is one object, which is in memory as such
 BLOCK = 1 << 12  # rows that are in memory as objects, before they are arrays
 MOST_NAMES = 1 << 12  # of columns: as many as rows would fill the memory with what is not there
 DEEPEST = 8  # objects within objects
@@ -17,15 +20,15 @@ Object = dict[str, Any]
 
 
 def read_jsonlines(path: str, kind: str) -> Store:
-    """The contents of a file of JSON lines. Raises LogError where a line is no object of numbers and texts,
-    or there are too many."""
+    """The contents of a file of JSON. Raises LogError where an object is none of numbers and texts, or there
+    are too many."""
     store, rows = Store(path, kind), _Rows()
     constants: Object = {}
     held: Object = {}  # the last object, while it may state constants
-    for number, found in _objects(path):
-        store.claim(f"line {number}", len(found))
+    for where, found in _objects(path):
+        store.claim(where, len(found))
         if any(isinstance(value, list) for value in found.values()):
-            _add_table(store, f"line {number}", number, found)
+            _add_table(store, where, found)
         elif rows.count or held.keys() & found.keys():
             rows.add(held)
             rows.add(found)
@@ -34,7 +37,7 @@ def read_jsonlines(path: str, kind: str) -> Store:
             constants, held = constants | held, found
         if len(rows.names) > MOST_NAMES:
             said = f"found more than {MOST_NAMES} names, expected the same ones in each"
-            raise LogError(f"{path}, line {number}: {said}")
+            raise LogError(f"{path}, {where}: {said}")
     if store.tables and rows.count:
         raise LogError(f"{path}: found lines of rows and lines of lists, expected one of them")
     if store.tables:
@@ -50,29 +53,91 @@ def read_jsonlines(path: str, kind: str) -> Store:
 
 
 def is_jsonlines(path: str) -> bool:
-    """Whether a text, packed or not, begins as an object does."""
+    """Whether a text, packed or not, begins as an object does, or as a list of objects."""
     with open_text(path) as file:
-        return file.read(64).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+        return re.match(rb"(\xef\xbb\xbf)?\s*(\[\s*)?\{", file.read(64)) is not None
 
 
-def _objects(path: str) -> Iterator[tuple[int, Object]]:
-    """Each line that is not empty, by its number, as one flat object."""
+def _objects(path: str) -> Iterator[tuple[str, Object]]:
+    """Each object, by its place, as a flat one: of each line that is not empty, or of the file as a whole
+    where its first line is none."""
     with open_text(path) as file:
         number = 0
         while raw := read_line(path, file, number + 1):
             number += 1
             if not (line := raw.decode("utf-8-sig", errors="replace").strip()):
                 continue
-            where = f"{path}, line {number}"
+            where = f"line {number}"
             try:
                 found = json.loads(line, object_pairs_hook=_once)
             except (ValueError, RecursionError) as error:
-                raise LogError(f"{where}: found no JSON object ({error}), expected one a line") from None
+                if number == 1 and line in ("{", "["):
+                    yield from _of_document(path, _whole(path))
+                    return
+                said = f"found no JSON object ({error}), expected one a line"
+                raise LogError(f"{path}, {where}: {said}") from None
+            if number == 1 and (isinstance(found, list) or _holding(found)):
+                yield from _of_document(path, found)
+                return
             if not isinstance(found, dict):
                 raise LogError(
-                    f"{where}: found {_kind(found)}, expected an object with a name for each column"
+                    f"{path}, {where}: found {_kind(found)}, expected an object with a name for each column"
                 )
-            yield number, dict(_flat(where, found, 0))
+            yield where, dict(_flat(f"{path}, {where}", _listed(found), 0))
+
+
+def _whole(path: str) -> Any:
+    """What a file holds that is one JSON text. Raises LogError where it is none, or too long."""
+    with open_text(path) as file:
+        content = file.read(LARGEST + 1)
+    if len(content) > LARGEST:
+        said = f"found more than {LARGEST >> 20} MiB of one JSON text, expected an object a line"
+        raise LogError(f"{path}: {said}")
+    try:
+        return json.loads(content.decode("utf-8-sig", errors="replace"), object_pairs_hook=_once)
+    except (ValueError, RecursionError) as error:
+        raise LogError(f"{path}: found no JSON ({error}), expected one object or list of them") from None
+
+
+def _of_document(path: str, whole: Any) -> Iterator[tuple[str, Object]]:
+    """The objects of a list, or that of the whole file; of one that holds a list of objects these, below what
+    it states besides."""
+    rows = whole
+    if isinstance(whole, dict):
+        held = _holding(whole)
+        beside = {name: value for name, value in whole.items() if name not in held}
+        if len(held) != 1:
+            yield "the file's object", dict(_flat(path, _listed(whole), 0))
+            return
+        rows = whole[held[0]]
+        yield "the file's object", dict(_flat(path, _listed(beside), 0))
+    for number, found in enumerate(rows, 1):
+        where = f"object {number} (counted from 1)"
+        if not isinstance(found, dict):
+            said = f"found {_kind(found)}, expected an object with a name for each column"
+            raise LogError(f"{path}, {where}: {said}")
+        yield where, dict(_flat(f"{path}, {where}", _listed(found), 0))
+
+
+def _holding(found: Any) -> list[str]:
+    """The names in an object under which lists of objects stand."""
+    lists = found.items() if isinstance(found, dict) else ()
+    return [
+        name for name, of in lists if isinstance(of, list) and of and all(isinstance(x, dict) for x in of)
+    ]
+
+
+def _listed(found: Object) -> Object:
+    """An object with lists for columns that are objects of rows by their numbers, {"f": {"0": 1, "1": 2}}, as
+    pandas writes a table."""
+    lengths = {len(value) for value in found.values() if isinstance(value, dict)}
+    if len(lengths) != 1 or not found or not all(isinstance(value, dict) for value in found.values()):
+        return found
+    (rows,) = lengths
+    names = [str(row) for row in range(rows)]
+    if rows < 2 or any([*value] != names for value in found.values()):
+        return found
+    return {name: [*value.values()] for name, value in found.items()}
 
 
 def _once(pairs: list[tuple[str, Any]]) -> Object:
@@ -159,17 +224,17 @@ def _joined(parts: list[np.ndarray]) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _add_table(store: Store, table: str, number: int, found: Object) -> None:
-    """A line of lists: a column each; what is one value there is in every row."""
+def _add_table(store: Store, where: str, found: Object) -> None:
+    """An object of lists: a column each; what is one value there is in every row."""
     lengths = {len(value) for value in found.values() if isinstance(value, list)}
     if len(lengths) > 1:
         said = " and ".join(map(str, sorted(lengths)[:2]))
-        raise LogError(f"{store.path}, line {number}: found lists of {said} values, expected as many in each")
+        raise LogError(f"{store.path}, {where}: found lists of {said} values, expected as many in each")
     (rows,) = lengths
     for name, value in found.items():
-        store.claim(f"line {number}", rows)
+        store.claim(where, rows)
         whole = value if isinstance(value, list) else [value] * rows
-        store.tables.setdefault(table, {})[name] = _array(whole)
+        store.tables.setdefault(where, {})[name] = _array(whole)
 
 
 def _kind(value: Any) -> str:

@@ -26,12 +26,40 @@ INPUTS: dict[str, tuple[str, ...]] = {
         "seconds",
         "sec",
         "elapsed",
+        "время",
     ),
-    "frequency": ("f", "freq", "frequency", "frequenz", "fréquence", "frequence", "frq", "omega", "ω"),
-    "temperature": ("temp", "temperature", "temperatur", "température", "t"),
+    "frequency": (
+        "f",
+        "freq",
+        "frequency",
+        "frequenz",
+        "fréquence",
+        "frequence",
+        "frq",
+        "omega",
+        "ω",
+        "частота",
+    ),
+    "temperature": ("temp", "temperature", "temperatur", "température", "t", "температура"),
     "force": ("force", "kraft"),
     "duty": ("duty", "pwm"),
-    "voltage": ("v", "u", "voltage", "volt", "volts", "vin", "drive", "excitation", "spannung", "tension"),
+    "voltage": (
+        "v",
+        "u",
+        "voltage",
+        "volt",
+        "volts",
+        "vin",
+        "drive",
+        "excitation",
+        "spannung",
+        "tension",
+        "vdrive",
+        "udrive",
+        "vexc",
+        "uexc",
+        "напряжение",
+    ),
     "wd": ("wd",),
     "wq": ("wq",),
     "w": ("w", "displacement", "velocity", "response", "position", "deflection", "speed", "vibration"),
@@ -39,13 +67,13 @@ INPUTS: dict[str, tuple[str, ...]] = {
 # Words that name a part wherever they stand: a phase before a magnitude, a magnitude in bars before the rest.
 PHASE = {
     "phase", "phi", "theta", "θ", "φ", "ϕ", "arg", "ang", "angle", "argument", "thetaz", "thetay", "θz",
-    "θy", "phz", "phas",
+    "θy", "phz", "phas", "фаза",
 }  # fmt: skip
 REAL = {"re", "real", "realpart", "inphase"}
 IMAGINARY = {"im", "imag", "imaginary", "imagpart", "quadrature", "quad"}
 MAGNITUDE = {
     "abs", "mag", "magn", "magnitude", "modulus", "amplitude", "amp", "ampl", "db", "logmag", "linmag",
-    "betrag",
+    "betrag", "амплитуда", "модуль",
 }  # fmt: skip
 SCATTERING = {"s11", "s12", "s21", "s22"}
 GAINS = SCATTERING | {"gain", "transmission", "reflection"}  # ratios of two of a kind
@@ -75,6 +103,8 @@ _PLAIN = {
     "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB",
     "dbm": "dBm",
     "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
+    "гц": "Hz", "кгц": "kHz", "мгц": "MHz", "град": "deg", "рад": "rad", "дб": "dB", "в": "V", "мв": "mV",
+    "с": "s", "мс": "ms", "мкс": "us", "м": "m", "мм": "mm", "мкм": "um", "нм": "nm", "ом": "ohm",
 }  # fmt: skip
 # How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued
 # to a word; in the last two it is a usual one.

@@ -51,7 +51,7 @@ def across(
     """The sheet of a table that lies across, whose lines begin at byte `start`, which begins line `line`, and
     its names; the cells in front of a line's name tell its experiment."""
     groups: dict[tuple[str, ...], dict[str, tuple[int, list[str]]]] = {}
-    for number, text in enumerate(_texts(path, start), line):
+    for number, text in enumerate(texts(path, start), line):
         if not text.strip() or text.startswith(dialect.comment or ()):
             continue
         cells = _cells(text, str(dialect.delimiter))
@@ -116,7 +116,7 @@ def tables(path: str, dialect: Dialect) -> list[Table]:
     """The tables that stand one below the other in a file, with what stands above each. What is no row among
     rows: LogError."""
     found: list[Table] = []
-    lines, above, place = _texts(path, 0), [], 0
+    lines, above, place = texts(path, 0), [], 0
     while place < len(lines):
         delimiter = dialect.delimiter or find_delimiter(lines[place].strip())
         cells = _cells(lines[place], delimiter)
@@ -250,7 +250,7 @@ def _stated(text: str) -> tuple[str, str]:
     return re.sub(r"\W", "", key).casefold(), value.strip(' "')
 
 
-def _texts(path: str, start: int) -> list[str]:
+def texts(path: str, start: int) -> list[str]:
     """The lines from byte `start` on. Too many bytes: LogError."""
     with open_text(path) as file:
         file.seek(start)

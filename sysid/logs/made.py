@@ -6,11 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs.cells import Dialect
+from sysid.logs.cells import Dialect, listed
+from sysid.logs.doubts import doubted
+from sysid.logs.filled import direct, driven_frequency, not_direct, of_the_driven
 from sysid.logs.log import Log, LogError
 from sysid.logs.read import logs_of
 from sysid.logs.store import Store
-from sysid.logs.together import doubted
+from sysid.logs.within import within
 from sysid.logs.written import label
 
 SERIES = ("time", "drive", "frequency", "temperature", "force", "std", "theta")
@@ -31,7 +33,7 @@ def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
             f"{name}: found {len(found)} experiments, expected one; make a log of each, by"
             f" frame.groupby('log')"
         )
-    return doubted(dataclasses.replace(found[0], name=name, path="", sha256=""))
+    return dataclasses.replace(found[0], name=name, path="", sha256="")
 
 
 def of_arrays(response: Any, name: str, fields: Mapping[str, Any]) -> Log:
@@ -41,7 +43,24 @@ def of_arrays(response: Any, name: str, fields: Mapping[str, Any]) -> Log:
         key: np.full(rows, value) for key, value in fields.items() if key in SERIES and np.ndim(value) == 0
     }
     series = {key: values for key, values in series.items() if fields[key] is not None}
-    return doubted(Log(name, np.atleast_1d(response), **{**fields, **series}))
+    return doubted(within(_driven(Log(name, np.atleast_1d(response), **{**fields, **series}))))
+
+
+def _driven(log: Log) -> Log:
+    """The log without points at 0 Hz, and with frequencies where rows have neither a drive nor one."""
+    if log.frequency is None:
+        return log
+    if (keep := not_direct(log.frequency, log.kind == "steady")) is not None:
+        columns = {name: getattr(log, name) for name in ("response", *SERIES)}
+        kept = {name: values[keep] for name, values in columns.items() if values is not None}
+        rows = listed([f"row {row} (counted from 0)" for row in np.flatnonzero(~keep)])
+        return dataclasses.replace(log, **kept, notes=(*log.notes, direct(rows)))
+    if log.kind == "steady" or log.drive is None:
+        return log
+    if (found := driven_frequency(log.frequency, log.drive)) is None:
+        return log
+    note = of_the_driven(int(np.sum(found != log.frequency)))
+    return dataclasses.replace(log, frequency=found, notes=(*log.notes, note))
 
 
 def of_waveform(drive: Any, response: Any, rate: float, name: str, constants: Mapping[str, Any]) -> Log:

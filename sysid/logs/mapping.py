@@ -87,7 +87,7 @@ from sysid.logs import units
 from sysid.logs.cells import Dialect, listed, to_number
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.densities import plain
-from sysid.logs.plan import ANGLES, Plan, Source, is_absent, is_decibel
+from sysid.logs.plan import ANGLES, Plan, Source, drive_as, is_absent, is_decibel
 from sysid.logs.scattered import RATIOS, SCATTERED, placed
 from sysid.logs.stamps import is_long
 
@@ -337,7 +337,7 @@ class MappingFile:
 
     def _notes(self, sources: dict[str, Source]) -> tuple[str, ...]:
         """What was taken for granted, so that it is never taken in silence."""
-        notes = []
+        notes = drive_as(self.options, sources)
         columns = self.options.get("columns", {})
         if "response" in sources:
             assumed = f"the response is taken as a displacement: {self.path} does not say quantity"

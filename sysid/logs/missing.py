@@ -17,6 +17,7 @@ from sysid.logs.csvbody import Body, refuse_cell
 from sysid.logs.csvfile import Head, LogError
 from sysid.logs.plan import Plan, Source
 from sysid.logs.textfile import open_text
+from sysid.logs.units import DRIVES
 
 # of the information, at most: each standard error then grows by 1/sqrt(1 - LOST) - 1 = 2.6 % at most
 LOST = 0.05
@@ -59,7 +60,7 @@ def rows_to_keep(
     name = next(iter(bad))
     source, row = plan.sources[name], int(np.argmax(bad[name]))
     share, why = _lost(arrays, missing, kind)
-    if why or share > LOST or not _all_empty(head, body, plan, rows, bad):
+    if why or share > LOST or not all_empty(head, body, plan, rows, bad):
         expected = (
             f"a date as in the first row, {head.first(source.column)!r}"
             if source.dated
@@ -67,6 +68,8 @@ def rows_to_keep(
         )
         told = f"to do without loses {100 * share:.2g} % of what the log tells, more than {100 * LOST:g} %"
         more = why or (told if LOST < share < 1 else "")
+        if name in DRIVES:
+            more = f"write 0 where the drive is off{f'; {more}' if more else ''}"
         refuse_row(head, body, source, rows, row, expected, more)
     labels = [plan.sources[name].label for name in bad]
     numbers = np.flatnonzero(missing) if rows is None else rows[missing]
@@ -93,7 +96,7 @@ def _lost(arrays: Arrays, missing: np.ndarray, kind: str | None) -> tuple[float,
         there = np.flatnonzero(~missing)
         inner = len(there) == 0 or there[-1] - there[0] + 1 != len(there)
         return float(np.mean(missing)), "the samples of a waveform follow one another evenly" if inner else ""
-    response = _response(arrays)
+    response = response_of(arrays)
     if (share := _share(response, missing)) > LOST:
         return share, ""
     changes = (
@@ -124,7 +127,7 @@ def _part(weight: np.ndarray, chosen: np.ndarray) -> float:
     return float(np.sum(weight[chosen])) / total if total > 0 else 0.0
 
 
-def _response(arrays: Arrays) -> np.ndarray:
+def response_of(arrays: Arrays) -> np.ndarray:
     """The response as far as rows tell how much there is of it: (n,), complex where it has two parts."""
     for first, second in (("wd", "wq"), ("x", "y")):
         if first in arrays and second in arrays:
@@ -162,11 +165,16 @@ def _runs(chosen: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _all_empty(
-    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, bad: Mapping[str, np.ndarray]
+def all_empty(
+    head: Head,
+    body: Body,
+    plan: Plan,
+    rows: np.ndarray | None,
+    bad: Mapping[str, np.ndarray],
+    blank: bool = False,
 ) -> bool:
-    """Whether the cells that hold no number are empty, or hold what is written for none: no text, and no
-    overload."""
+    """Whether the cells that hold no number are empty, or (not for `blank`) hold a number that is written for
+    none: no text, and no overload."""
     cells: dict[int, list[int]] = {}
     for name, of in bad.items():
         column = plan.sources[name].column
@@ -178,7 +186,7 @@ def _all_empty(
         lines = _lines(head.path, {body.line(head, row): columns for row, columns in cells.items()})
         parted = ((split_line(text, str(head.dialect.delimiter)), columns) for text, columns in lines)
         texts = ["".join(row[column : column + 1]).strip() for row, columns in parted for column in columns]
-    return all(text.casefold() in EMPTY or means_none(text) for text in texts)
+    return all(text.casefold() in EMPTY or (means_none(text) and not blank) for text in texts)
 
 
 def _lines(path: str, wanted: Mapping[int, list[int]]) -> list[tuple[str, list[int]]]:

@@ -25,6 +25,7 @@ class Source:
     # the column does not bear the quantity's name, and is kept out where its dates do not serve
     spare: bool = False
     written: str = ""  # the constant, as text
+    counted: bool = False  # no column and no constant: the row's number, from 0 on
 
 
 @dataclass(frozen=True)
@@ -50,3 +51,21 @@ def is_decibel(unit: str) -> bool:
 def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
     """Whether nothing states an input, of which there is one drive."""
     return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})
+
+
+def drive_as(options: Mapping[str, Any], sources: Mapping[str, Source]) -> list[str]:
+    """A note on a drive beside a mapping file's `amplitude` of rms or pp: it holds of a column that says
+    nothing itself, and not of a constant, which is peak unless its unit says otherwise."""
+    name = next((name for name in ("voltage", "drive") if name in sources), None)
+    said = options.get("amplitude", "peak")
+    if name is None or said == "peak":
+        return []
+    source, entry = sources[name], options.get("columns", {}).get(name, {})
+    if source.column is None and source.amplitude == "peak":
+        return [f"the constant {name} is taken as peak; write V_{said}, say, where it is {said}"]
+    if source.column is None or "amplitude" in entry or source.amplitude != said:
+        return []
+    return [
+        f"the {name} in column {source.label} is taken as {said}, as amplitude says of drive and response;"
+        f' say amplitude = "peak" in its entry where it is'
+    ]

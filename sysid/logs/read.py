@@ -15,6 +15,8 @@ from sysid.logs.copies import once
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError, called
 from sysid.logs.densities import amplitude_of
+from sysid.logs.doubts import doubted
+from sysid.logs.filled import Arrays, filled, without_direct
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.mapfile import load_mapping
@@ -26,9 +28,10 @@ from sysid.logs.plan import Plan, Source, is_decibel
 from sysid.logs.signal import decode, is_analysed, lock_in, turned
 from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
 from sysid.logs.timed import timed
-from sysid.logs.together import doubted, in_common_units, of_one_plate, temperatures_in_names
+from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.unknown import not_understood
 from sysid.logs.waveform import from_samples, sample_times, uneven
+from sysid.logs.within import within
 
 logger = logging.getLogger(__name__)
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
@@ -66,7 +69,7 @@ def read_logs(paths: str | Path | Iterable[str | Path], columns: str | Path | No
 
 def of_one_bench(logs: list[Log]) -> list[Log]:
     """Logs of one plate, each once, in the first one's units. Raises LogError where they are not."""
-    return temperatures_in_names([doubted(log) for log in once(in_common_units(of_one_plate(logs)))])
+    return temperatures_in_names(once(in_common_units(of_one_plate(logs))))
 
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
@@ -99,16 +102,13 @@ def log_of(
     name = head.name if value is None else f"{head.name}[{value}]"
     count = len(rows) if rows is not None else len(body)
     chosen = select_rows(plan.rows, value, count, head.path)
+    place = np.arange(count) if chosen is None else chosen
     if chosen is not None:
         rows = chosen if rows is None else rows[chosen]
-        count = len(rows)
-    arrays = {key: _values(key, body, source, rows, count) for key, source in plan.sources.items()}
+    arrays = {key: _values(key, body, source, rows, place) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
-    keep, note = rows_to_keep(head, body, plan, rows, arrays, kind)
-    if keep is not None:
-        arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
-        rows = np.flatnonzero(keep) if rows is None else rows[keep]
-        plan, count = dataclasses.replace(plan, notes=(*plan.notes, note)), len(rows)
+    plan, rows, arrays = _kept(head, body, plan, rows, arrays, kind)
+    count = len(next(iter(arrays.values()))[0])
     plan = timed(head, body, plan, rows, arrays, kind)
     _refuse_impossible(head, body, plan, rows, arrays)
     digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
@@ -151,7 +151,23 @@ def log_of(
         raise not_understood(
             head, "a steady log without frequency or drive", "one, such as frequency_Hz (or time_s)"
         )
-    return log
+    celsius = "temperature" in plan.sources and plan.sources["temperature"].unit == "degC"
+    return doubted(within(log), celsius)
+
+
+def _kept(
+    head: Head, body: Body, plan: Plan, rows: np.ndarray | None, arrays: Arrays, kind: str | None
+) -> tuple[Plan, np.ndarray | None, Arrays]:
+    """The plan, the rows and the arrays of those that are kept, each with a number in all of its cells."""
+    arrays = dict(arrays)
+    plan = filled(head, body, plan, rows, arrays, kind)
+    for choose in (without_direct, rows_to_keep):
+        keep, note = choose(head, body, plan, rows, arrays, kind)
+        if keep is not None:
+            arrays = {key: (values[keep], unit) for key, (values, unit) in arrays.items()}
+            rows = np.flatnonzero(keep) if rows is None else rows[keep]
+            plan = dataclasses.replace(plan, notes=(*plan.notes, note))
+    return plan, rows, arrays
 
 
 def with_response(
@@ -160,7 +176,7 @@ def with_response(
     """The log of the file at `path` with the inputs of `log` and its `head` and `plan`, but with metadata and
     a response of its own, of nothing but numbers. Raises LogError, which does not name the file."""
     arrays: dict[str, tuple[np.ndarray, str]] = {
-        key: _values(key, body, plan.sources[key], None, len(body))
+        key: _values(key, body, plan.sources[key], None, np.arange(len(body)))
         for key in ("w", "wd", "wq")
         if key in plan.sources
     }
@@ -204,12 +220,15 @@ def _sample_times(
 
 
 def _values(
-    name: str, body: Body, source: Source, rows: np.ndarray | None, count: int
+    name: str, body: Body, source: Source, rows: np.ndarray | None, place: np.ndarray
 ) -> tuple[np.ndarray, str]:
-    """Peak values of one source, NaN where a cell holds no number, and their unit."""
+    """Peak values of one source, NaN where a cell holds no number, and their unit; `place` (n,): which rows
+    of the experiment they are."""
     read = read_errors if name in ERRORS else decode
+    if source.counted:
+        return read(place.astype(float), source)
     if source.column is None:
-        return read(np.full(count, source.constant), source)
+        return read(np.full(len(place), source.constant), source)
     numbers = body.numbers[source.column]
     return read(numbers if rows is None else numbers[rows], source)
 

@@ -38,6 +38,7 @@ class Store:
     default: str | None = None  # the table to take where none is asked for
     unclear: str = ""  # why it has to be asked for
     claimed: int = 0
+    nameless: bool = False  # the columns of its table have no names that say anything
 
     def claim(self, name: str, count: int) -> None:
         """Count numbers that are about to be read. Too many: LogError."""
@@ -109,7 +110,7 @@ class Store:
             path,
             constants,
             frozenset(),
-            tuple(columns),
+            ("",) * len(columns) if self.nameless else tuple(columns),
             plain,
             0,
             1,

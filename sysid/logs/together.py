@@ -4,8 +4,6 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sysid.logs import units
 from sysid.logs.cells import listed
 from sysid.logs.csvfile import called
@@ -21,7 +19,6 @@ IN_NAME = re.compile(
     r"[ _]?(?:°C?|deg_?C?|grad|C)(?![a-z\d])",
     re.IGNORECASE,
 )
-ROOM = (273.15, 333.15)  # K
 
 
 def of_one_plate(logs: list["Log"]) -> list["Log"]:
@@ -32,17 +29,6 @@ def of_one_plate(logs: list["Log"]) -> list["Log"]:
             first = f"{named[0][0].path} names the plate {named[0][1]!r}"
             raise LogError(f"{first} and {log.path} the plate {plate!r}, expected logs of one plate")
     return logs
-
-
-def doubted(log: "Log") -> "Log":
-    """The log, with a note where its temperature is a room's in kelvin: it may be right, and moves k_T by
-    far if it is not."""
-    if log.temperature is None or np.max(log.temperature) < ROOM[0]:  # a median takes its time
-        return log
-    if not ROOM[0] <= (typical := float(np.median(log.temperature))) <= ROOM[1]:
-        return log
-    note = f"the temperature is taken as {typical:.4g} degC; if it is kelvin, call it temperature_K"
-    return dataclasses.replace(log, notes=(*log.notes, note))
 
 
 def temperatures_in_names(logs: list["Log"]) -> list["Log"]:

@@ -79,7 +79,11 @@ def _column(name: str, source: Source, logs: Sequence[Log]) -> dict[str, Any]:
         "unit": source.unit,
         "amplitude": source.amplitude,
     }
-    found |= {"scale": source.scale, "offset": source.offset, "constant": source.column is None}
+    found |= {
+        "scale": source.scale,
+        "offset": source.offset,
+        "constant": source.column is None and not source.counted,
+    }
     return found | {"least": min(values, default=None), "most": max(values, default=None), "inside": unit}
 
 

@@ -37,6 +37,7 @@ COARSE = 0.3
 WALKS = np.append(0.0, np.logspace(-9, 2, 111))  # s that are tried; the last: no noise
 SURE = 4.0  # of log-likelihood, by which a temperature that changes is told from one that does not
 WHOLE = 1e-6  # of a digit, by which a reading that is so many of them is off in float64
+STRAIGHT = 1e-12  # of the largest reading, by which numbers on a straight line bend in float64
 APART = 5.0  # errors, by which the temperatures of logs lie apart where they are not one and the same
 
 
@@ -169,6 +170,9 @@ def _smooth(y: np.ndarray) -> Reading:
     """The temperature from readings without a jump."""
     if len(y) < FEW:
         return Reading(y, 0.0)
+    if (knots := _knots(y)) is not None:
+        level, error = _smooth(y[knots])
+        return Reading(np.interp(np.arange(len(y)), knots, level), error)
     if len(y) > LONG:
         begins = np.linspace(0, len(y), LEVELS + 1).astype(int)
         level, error = _steady(np.add.reduceat(y, begins[:-1]) / np.diff(begins))
@@ -183,6 +187,13 @@ def _smooth(y: np.ndarray) -> Reading:
     if best.walk == WALKS[-1] or best.noise > NOISY**2:
         return Reading(y, 0.0)
     return Reading(best.level, float(np.sqrt(best.noise * best.kept)))
+
+
+def _knots(y: np.ndarray) -> np.ndarray | None:
+    """The rows between which readings were interpolated, as of a thermometer that is read less often than the
+    response; None where they were not."""
+    bends = np.flatnonzero(np.abs(np.diff(y, 2)) > STRAIGHT * np.max(np.abs(y)))
+    return np.concatenate([[0], bends + 1, [len(y) - 1]]) if FEW <= len(bends) <= 0.5 * len(y) else None
 
 
 class _Walk(NamedTuple):

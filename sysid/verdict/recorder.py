@@ -31,8 +31,11 @@ def clipped(trial: Trial) -> str | None:
         p.std < LEVELLED * s for p, s in zip(trial.noise.parts, trial.steps, strict=False)
     ):
         return None  # a mean is never clipped exactly; and a coarse plateau lies on one level, clipped or not
-    for channel in (*channels, *(-c for c in channels if trial.signed), np.abs(y)):
-        values, count = np.unique(np.round(channel / trial.scale, 9), return_counts=True)
+    names = [f" in {c}" for c in "dq"] if len(channels) > 1 else [""]
+    sides = [(1, *one) for one in zip(channels, names, strict=True)]
+    sides += [(-1, c, name) for _, c, name in sides if trial.signed]
+    for sign, channel, name in (*sides, (1, np.abs(y), " in amplitude" if len(channels) > 1 else "")):
+        values, count = np.unique(np.round(sign * channel / trial.scale, 9), return_counts=True)
         if len(values) <= 20 or values[-1] == 0:
             continue
         beyond = count[-1] > max(CLIPPED * len(channel), 4) and count[-1] > max(
@@ -41,8 +44,8 @@ def clipped(trial: Trial) -> str | None:
         tied = count[-1] >= TIED and np.max(count[:-1]) == 1 and trial.noise.std > NOISY * trial.scale
         if beyond or tied:
             return (
-                f"saturated: {count[-1]} rows lie exactly at {values[-1] * trial.scale:.4g}; record it"
-                f" again within the range"
+                f"saturated: {count[-1]} rows lie exactly at {sign * values[-1] * trial.scale:.4g}{name};"
+                f" record it again within the range"
             )
     return None
 

@@ -1,0 +1,84 @@
+"""What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, readings
+of a sensor that was not ready, and one channel of two that was not recorded."""
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sysid.logs.cells import listed
+from sysid.logs.textfile import LogError
+
+if TYPE_CHECKING:
+    from sysid.logs.log import Log
+
+HOT = 200.0  # degC, above which a temperature is rather one in kelvin
+JUMPS = 5.0  # degC, by which a reading is off those beside it that no plate follows there and back
+USUAL = 8.0  # times the usual move from row to row, of readings that move more
+FEW = 0.1  # of the rows, of which such readings are at most
+BESIDE = 7  # rows among whose readings the middle one is taken: three in succession may be wrong
+LEAST = 20  # rows in which this can be told
+SOME = 8  # rows in which a channel that is 0 throughout was not recorded
+
+
+def doubted(log: "Log", celsius: bool = True) -> "Log":
+    """The log, without readings of its thermometer that are none, and with a warning of these, and where its
+    temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin or one channel of its response
+    was not recorded. Raises LogError where that is one of a sweep."""
+    return _kelvin(_recorded(_ready(log)), celsius)
+
+
+def _kelvin(log: "Log", celsius: bool) -> "Log":
+    if not celsius or log.temperature is None or np.min(log.temperature) < HOT:
+        return log
+    typical = float(np.median(log.temperature))
+    return _warned(
+        log, f"its temperature is taken as {typical:.4g} degC; are these kelvin? then call it temperature_K"
+    )
+
+
+def _ready(log: "Log") -> "Log":
+    """Without one to three readings in succession that are far from those before and after, as the 85 degC of
+    a sensor that has just been switched on, or the 0 of one that is not connected."""
+    warm = log.temperature
+    if warm is None or len(warm) < LEAST or np.ptp(warm) <= JUMPS:
+        return log
+    from scipy.ndimage import median_filter
+
+    usual = float(np.median(np.abs(np.diff(warm))))
+    most, index = max(JUMPS, USUAL * usual), np.arange(len(warm))
+    wrong = np.abs(warm - median_filter(warm, BESIDE, mode="mirror")) > most
+    right = np.flatnonzero(~wrong)
+    after = np.searchsorted(right, index)
+    for beside in (right[np.maximum(after - 1, 0)], right[np.minimum(after, len(right) - 1)]):
+        wrong &= np.abs(warm - warm[beside]) > most  # the last before a step may stand alone
+    if not wrong.any() or np.mean(wrong) > FEW:
+        return log
+    values = listed([f"{value:.4g}" for value in np.unique(warm[wrong])])
+    said = (
+        f"{int(wrong.sum())} of its {len(warm)} temperatures ({values} degC) are far from those beside them,"
+        f" as of a sensor that was not ready; left out, and taken as between those"
+    )
+    between = np.interp(index, index[~wrong], warm[~wrong])
+    return _warned(dataclasses.replace(log, temperature=between), said)
+
+
+def _recorded(log: "Log") -> "Log":
+    """With a warning where Wd or Wq is 0 in every row and the other is not: of one frequency the plate may be
+    in phase, or was simulated so. Raises LogError of several frequencies, at which no plate is."""
+    if log.amplitude_only or len(log) < SOME or log.frequency is None:
+        return log
+    parts = {"wd": log.response.real, "wq": log.response.imag}
+    zero = [name for name, part in parts.items() if not part.any()]
+    if len(zero) != 1 or np.ptp(np.abs(log.response)) == 0:
+        return log
+    other = "wq" if zero[0] == "wd" else "wd"
+    found = f"{zero[0]} is 0 in every row, and {other} alone is no amplitude"
+    do = "record both, or the amplitude w alone"
+    if np.ptp(log.frequency[log.response != 0]) > 0:
+        raise LogError(f"{log.path or log.name}: found that {found}, expected both channels; {do}")
+    return _warned(log, f"{found}: taken as of a plate whose phase does not turn; {do}")
+
+
+def _warned(log: "Log", warning: str) -> "Log":
+    return dataclasses.replace(log, warnings=(*log.warnings, f"{log.name}: {warning}"))
