@@ -7,7 +7,7 @@ from math import factorial
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, nowhere, one_way, positive, undone
+from sysid.effects.effect import SEEN, About, Effect, Told, nowhere, one_way, positive, undone
 from sysid.effects.number import Number, number
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import Course
