@@ -276,7 +276,7 @@ class Search:
                 metadata = x.effect.stated(found.numbers[part], self.about)
                 for i in x.where:
                     log, kind = read[i].log, read[i].kind
-                    told = replace(log, bench={**log.bench, **metadata})
+                    told = replace(log, bench={**metadata, **log.bench})  # what it states itself stays
                     read[i] = Trial.of(told, kind, read[i].nuisances)
         if all(len(t.log) == len(old.log) for t, old in zip(read, self.alone.trials, strict=True)):
             return None

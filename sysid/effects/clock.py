@@ -100,8 +100,9 @@ def _filter(order: int) -> Effect:
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         poles, time = f"{order} poles" if order > 1 else "one pole", found["lockin_tau_s"]
-        known = trial.log.bench.get("lockin_tau_s", time.value)  # what was found may have been entered
-        another = abs(known - time.value) > SEEN * time.std
+        bench = trial.log.bench  # where what was found may have been entered
+        another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
+        another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
         says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
         what = f"{says} one of {poles} of {time.value:.3g} ± {time.std:.1g} s"
         return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
