@@ -12,7 +12,7 @@ import sysid
 from sysid.effects.effect import About, plain
 from sysid.effects.registry import EFFECTS, EVERY
 from sysid.logs.log import Log
-from sysid.trials.trial import NUISANCES
+from sysid.trials.trial import NUISANCES, Trial
 
 F0, TAU, FAR = (
     32300.0,
@@ -77,6 +77,12 @@ def softened(rng):
         power = np.min(p[np.abs(p.imag) < 1e-6].real)
         rows.append(1 / (1 + 1j * (x + k * power)))
     return swept(rng, f, noisy(rng, np.array(rows), 0.004))
+
+
+def softened_beside_a_feedthrough(rng):
+    """The plate's own motion is what softens it."""
+    (log,) = softened(rng)
+    return [replace(log, response=log.response + 0.2 * np.exp(0.4j))]
 
 
 def late(rng):
@@ -188,7 +194,7 @@ KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled,
-    "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
+    "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 
 
@@ -230,6 +236,37 @@ def test_a_plate_alone_adopts_nothing(seeds):
         logs = swept(None, f, noisy(np.random.default_rng(seed), settled(f), 0.01))
         asked, plain = (sysid.fit(logs, nuisances=n) for n in (EVERY, NUISANCES))
         assert asked.parameters == plain.parameters and asked.warnings == plain.warnings
+
+
+def limited(rng, peak=0.6):
+    """A sweep behind a limiter tanh(|W|), and by what it falls short at its largest."""
+    f = F0 + np.linspace(-500, 500, 161)
+    w = peak * settled(f)
+    y = w / np.abs(w) * np.tanh(np.abs(w))
+    return swept(rng, f, noisy(rng, y, 0.003)), peak / np.tanh(peak) - 1
+
+
+@seeds(2, 20)
+def test_a_limiter_is_no_image(seeds):
+    """Channels that are not alike describe it nearly as well, with G 10 % low."""
+    for seed in seeds:
+        logs, taken = limited(np.random.default_rng(seed))
+        fit = sysid.fit(logs)
+        (found,) = (f for f in fit.findings if f.outcome == "refused")
+        size = found.numbers["taken"]
+        assert fit.result.name == "misfit" and found.key == "saturation", (seed, fit.warnings)
+        assert abs(size.value - taken) < FAR * size.std
+
+
+def test_what_undoes_a_limiter_is_its_inverse():
+    f = F0 + np.linspace(-500, 500, 161)
+    for peak in (0.1, 0.6, 1.5):
+        w = peak * settled(f)
+        (log,) = swept(None, f, w / np.abs(w) * np.tanh(np.abs(w)))
+        trial, taken = Trial.of(log, "steady"), np.array([peak / np.tanh(peak) - 1])
+        about = About((F0, 24.0), np.zeros(6), TAU, HALF, trial.scale, 1.0, 1000.0)
+        read = [e.applied(trial, taken, about).log.response for e in EFFECTS if e.name == "saturation"]
+        assert min(np.max(np.abs(y - w)) for y in read) < 1e-5 * peak
 
 
 @pytest.mark.study

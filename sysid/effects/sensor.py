@@ -30,7 +30,7 @@ def _softly(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
     x = np.minimum(size, 1.0) * top
     found = np.divide(np.arctanh(x), x, out=np.ones_like(x), where=x > 0)
     if taken < 0:  # it grows
-        return 1 / found, (1 - x**2) / found**2
+        return 1 / found, 2 / found - 1 / (found**2 * (1 - x**2))
     return found, 1 / (1 - x**2)
 
 
