@@ -342,6 +342,42 @@ def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(
     )  # four times what a sweep and three others tell of their f0, 0.3 Hz
 
 
+def test_logs_of_two_plates_are_named_as_two_groups(bench):
+    """Half of them contradicts the other half; none of them holds anything else."""
+    other = other_plant(bench, f0=bench.plant.f0 - 50.0)
+    logs = [b.sweep(seed=40 + k) for k, b in enumerate((bench, bench, bench, other, other))]
+    logs = [replace(log, name=f"sweep {k}") for k, log in enumerate(logs)]
+    fit = sysid.fit(logs)
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
+    assert found.key == "odd" and found.logs == ("sweep 3", "sweep 4")
+    said = re.search(r"the resonance contradicts the other logs, about ([-+.\d]+) Hz off", found.sentence)
+    assert abs(float(said[1]) + 50.0) < 1.5
+
+
+def test_a_gain_that_is_far_off_is_told_as_it_is(bench):
+    """To first order a gain ten times as large is two and a half times as large."""
+    odd = bench.transient(seed=51)
+    odd = replace(odd, name="odd", response=10 * odd.response)
+    fit = sysid.fit([bench.transient(seed=50), odd, bench.transient(seed=52), bench.sweep(seed=53)])
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
+    assert (found.key, found.logs) == ("odd", ("odd",))
+    times = float(re.search(r"about ([.\d]+) times that", found.sentence)[1])
+    assert times == pytest.approx(10, rel=0.02)  # what a step tells of its gain
+
+
+def test_sweeps_of_a_gain_each_are_described_one_by_one(bench):
+    gains = (1.0, 1.03, 0.97, 1.015)
+    logs = [bench.sweep(seed=60 + k) for k in range(len(gains))]
+    logs = [
+        replace(x, name=f"sweep {k}", response=g * x.response)
+        for k, (x, g) in enumerate(zip(logs, gains, strict=True))
+    ]
+    fit = sysid.fit(logs)
+    assert fit.result is Result.misfit
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
+    assert found.key == "odd" and "G differs from one to the next, by 2.5 %" in found.sentence
+
+
 def steps_that_drift(hertz, seeds):
     """Steps of 200 rows, in each of which the resonance goes up by as much, at a temperature that nobody
     recorded."""
