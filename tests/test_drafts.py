@@ -413,3 +413,41 @@ def test_elements_of_a_circuit_are_told_to_be_no_response(save):
 def test_a_drive_is_known_by_its_names(save):
     draft = draft_of(save(table("Time(us),Vdrive(V),F(kHz),Wd(nm),Wq(nm)", T, *re_im(S), *re_im(S))))
     assert tomllib.loads(answered(draft))["columns"]["voltage"] == {"column": "Vdrive(V)", "unit": "V"}
+
+
+SETTINGS = """Type;FSV-7;
+Version;1.70;
+Center Freq;32300;Hz
+RBW;10;Hz
+Trace 1:;;
+x-Unit;Hz;
+Values;51;
+"""
+
+
+def test_settings_above_rows_without_a_header_are_no_header(save):
+    """As spectrum analysers save a trace; each line of the rows ends in a mark that parts nothing."""
+    rows = table("", F, 20 * np.log10(np.abs(S))).replace(",", ";").replace("\n", ";\n")
+    path = save(SETTINGS + rows)
+    draft = refused(path).mapping
+    assert tomllib.loads(answered(draft))["columns"].keys() == {"frequency", "magnitude"}
+    (log,) = read_logs(path, columns=save(answered(draft, "dB"), "map.toml"))
+    np.testing.assert_allclose(log.frequency, F)
+    np.testing.assert_allclose(log.response, np.abs(S), rtol=1e-9)
+    assert "lines 1 to 7, settings above rows without a header, left out" in log.notes
+    with_header = SETTINGS + "Frequenz;Betrag;\n" + rows
+    assert (
+        "lines 1 to 7, above the header, left out"
+        in read_logs(
+            save(with_header),
+            columns=save(
+                '[columns]\nfrequency = { column = 0, unit = "Hz" }\nw = { column = 1, unit = "dB" }\n',
+                "by_place.toml",
+            ),
+        )[0].notes
+    )
+
+
+def test_a_bad_first_cell_below_a_header_is_no_setting(save):
+    rows = table("", F, *re_im(S))
+    refused(save("frequency_Hz,wd_um,wq_um\n" + "".join(f"OVLD,{k},1\n" for k in range(4)) + rows), "line 2")

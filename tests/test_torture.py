@@ -183,7 +183,7 @@ REFUSED = {
     "MATLAB": (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + b" " * 90 + b"\0\1IM", "MATLAB"),
     "image": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", ""),
     "web page": ("<!DOCTYPE html>\n<html><body>404</body></html>\n", ""),
-    "JSON over several lines": ('{\n"time_s": [0, 1],\n"w_um": [1, 2]\n}\n', "line 1: found no JSON object"),
+    "JSON over several lines that is cut off": ('{\n"time_s": [0, 1],\n"w_um": [1, 2', "found no JSON ("),
     "JSON lines that are cut off": (
         '{"time_s": 0, "w_um": 1}\n{"time_s": 1, "w_um"',
         "line 2: found no JSON object",

@@ -24,7 +24,15 @@ from sysid.logs.cells import (
     to_number,
     with_unit_cells,
 )
-from sysid.logs.preamble import DEEPEST, find_top, header_line, increment, is_table, left_out
+from sysid.logs.preamble import (
+    DEEPEST,
+    find_top,
+    header_line,
+    increment,
+    is_table,
+    left_out,
+    settings,
+)
 from sysid.logs.sheet import Sheet
 from sysid.logs.stamps import is_stamp
 from sysid.logs.textfile import LogError, open_text, read_line, refuse_binary
@@ -81,6 +89,10 @@ def called(path: str) -> str:
 def read_head(path: str, dialect: Dialect) -> Head:
     """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in
     it."""
+    if dialect.skip is dialect.header is dialect.join is None and (above := _settings(path, dialect)):
+        head = _read_top(path, replace(dialect, skip=len(above), header=False))
+        note = f"lines 1 to {len(above)}, settings above rows without a header, left out"
+        return replace(head, notes=(*head.notes, note), above=above, preamble=True)
     head = _read_top(path, dialect)
     if dialect.join is not None:
         found = layout.tables(path, dialect)
@@ -96,6 +108,17 @@ def read_head(path: str, dialect: Dialect) -> Head:
             head, sheet, names, "a table that lies across: each of its lines is read as a column"
         )
     return head
+
+
+def _settings(path: str, dialect: Dialect) -> tuple[str, ...]:
+    """The lines of settings above a table that has no header; empty of any other file."""
+    with open_text(path) as file:
+        first = read_line(path, file, 1)
+        if not first.strip() or len(first) > units.LONGEST or first.startswith((b"#", b"%", b"!")):
+            return ()
+        raws = [first, *_read_lines(path, file, 1, DEEPEST - 1)]
+    lines = [raw.decode("utf-8", errors="replace") for raw in raws]
+    return tuple(line.strip() for line in lines[: settings(lines, dialect)])
 
 
 def _on_sheet(head: Head, sheet: Sheet, names: tuple[str, ...], note: str) -> Head:
@@ -134,7 +157,7 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     rows = tuple(tuple(split_line(text, delimiter)) for text in lines[above : above + SAMPLE] if text.strip())
     if not rows:
         raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
-    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else ("",) * len(rows[0])
+    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
     while names and not names[-1] and line:
         names = names[:-1]
     if not names:
@@ -158,6 +181,12 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     said = (*comments, *(lines[: top.names] if top else ()))
     told = (tuple(notes), below, header, remarks)
     return Head(path, metadata, repeated, names, known, start, number + above, rows, *told, above=said)
+
+
+def _unnamed(rows: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """A name for each column of a table without a header, but those at its end that are empty throughout."""
+    widths = (max((k for k, cell in enumerate(row, 1) if cell.strip()), default=1) for row in rows)
+    return ("",) * (len(rows[0]) if len(rows[0]) < 3 else max(widths))
 
 
 def _delimiter(header: str, row: str) -> str:

@@ -68,7 +68,8 @@ def rows_to_keep(
         )
         told = f"to do without loses {100 * share:.2g} % of what the log tells, more than {100 * LOST:g} %"
         more = why or (told if LOST < share < 1 else "")
-        if name in DRIVES:
+        rests = name in DRIVES and "time" in arrays and kind != "steady"
+        if rests and all_empty(head, body, plan, rows, {name: bad[name]}, blank=True):
             more = f"write 0 where the drive is off{f'; {more}' if more else ''}"
         refuse_row(head, body, source, rows, row, expected, more)
     labels = [plan.sources[name].label for name in bad]

@@ -83,6 +83,21 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
     return Top(names, has_units, width, delimiter)
 
 
+def settings(lines: list[str], dialect: Dialect) -> int:
+    """How many lines of settings, a name and its value each, stand above rows of numbers without a header, as
+    spectrum analysers save traces; 0 where no such rows follow. Names are different ones, and the last line
+    states a number: it is no header."""
+    shapes = _shapes(lines, dialect)
+    first = next((k for k, x in enumerate(shapes) if x and shapes[k : k + ALIKE] == [x] * ALIKE), 0)
+    above = (
+        [_cells(line, shapes[first][0]) for line in lines[:first] if line.strip()] if shapes[first] else []
+    )
+    names = [cells[0].casefold() for cells in above]
+    stated = [is_number(cell) for cells in above for cell in (*cells[1:2], *[""] * (len(cells) < 2))]
+    named = all(name and not is_number(name) and name[0] not in "#%!" for name in names)
+    return first if named and len({*names}) == len(names) and sum(stated) >= ALIKE and stated[-1] else 0
+
+
 def names_below(lines: list[str], dialect: Dialect) -> int | None:
     """The line, counted from 0, that names the columns of a table which begins among these lines; None where
     none does."""
