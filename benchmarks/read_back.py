@@ -22,7 +22,7 @@ from rich.progress import track
 from scipy.stats import chi2
 
 from sysid import Fit, Log, Plant, Profile, Result, Scene, fit, read_logs, write_log
-from sysid.model.prior import FINGER
+from sysid.model.theta import FINGER
 from sysid.precision import keep_programs
 from sysid.rows.hold import contact
 from sysid.scene import EFFECTS

@@ -15,6 +15,7 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.minimum.ridge import unfolded
 from sysid.model.plant import Plant
 from sysid.model.prior import Prior, checked
+from sysid.model.theta import Theta
 from sysid.precision import float64, one_thread
 from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
@@ -240,9 +241,10 @@ def _with_thermometers(
 ) -> tuple[list[State], list[str]]:
     """The minima with the errors of the thermometers where these matter, and sentences on what depends on
     them."""
-    spread = [np.sqrt(np.diag(s.covariance)) for s in states]
+    spread = [Theta.of(np.sqrt(np.diag(s.covariance))) for s in states]
     found = [
-        with_thermometers(s.trials, s.theta[3], std[3], std[2]) for s, std in zip(states, spread, strict=True)
+        with_thermometers(s.trials, s.named.k_T, std.k_T, std.f0)
+        for s, std in zip(states, spread, strict=True)
     ]
     states = _anew(minimiser, states, [trials for trials, _ in found])
     unstated = [
@@ -250,8 +252,8 @@ def _with_thermometers(
         for t, log in zip(states[0].trials, logs, strict=True)
         if "temperature_std_degC" not in log.bench
     ]
-    errors = np.sqrt(np.diag(states[0].covariance))
-    return states, [*found[0][1], *wording.of_thermometers(unstated, states[0].theta[3], spread[0], errors)]
+    errors = Theta.of(np.sqrt(np.diag(states[0].covariance)))
+    return states, [*found[0][1], *wording.of_thermometers(unstated, states[0].named.k_T, spread[0], errors)]
 
 
 def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial, ...]:

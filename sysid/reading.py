@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.logs.log import Log
 from sysid.minimum.guess import candidates
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.rows import thermometer
 from sysid.rows.clock import even, even_sweep
 from sysid.rows.condense import taken

@@ -23,7 +23,7 @@ logs       densities units textfile cells scattered stamps pieces preamble sheet
            jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing filled stated timed labels
            columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
-model      carry plant span rice experiment likelihood prior
+model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift beside registry

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 import sysid
 from sysid.effects.effect import About
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.trials.trial import NUISANCES
 from sysid.verdict import averaged as averaging
 from sysid.verdict import misfit

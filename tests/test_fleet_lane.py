@@ -16,7 +16,7 @@ from sysid.fleet.groups import Group
 from sysid.fleet.lane import rows_of
 from sysid.fleet.plate import row_of
 from sysid.fleet.settings import Settings
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.verdict.linear import Linear
 from sysid.verdict.terms import terms
 from sysid.verdict.view import View

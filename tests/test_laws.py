@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import sysid
 from sysid.model.likelihood import linearised
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.trials.experiment import group
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial

@@ -6,7 +6,7 @@ import pytest
 import reference
 
 import sysid
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.verdict.lone import _on_a_floor, _without_one
 from sysid.verdict.view import View
 

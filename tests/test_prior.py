@@ -8,7 +8,8 @@ import pytest
 
 import sysid
 from sysid.command.cli import main
-from sysid.model.prior import NAMES, Prior
+from sysid.model.prior import Prior
+from sysid.model.theta import NAMES
 
 
 def noisy(bench, seed=0, **given):

@@ -25,7 +25,7 @@ from sysid.adoption.search import NEARLY, Search
 from sysid.effects.effect import Effect
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.linear import PROMISES, Found

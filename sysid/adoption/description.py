@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.effects.effect import About, Effect
 from sysid.minimum.minimise import State
+from sysid.model.theta import std_of
 from sysid.trials.trial import Trial
 from sysid.verdict.finding import Finding
 from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, shared
@@ -78,7 +79,7 @@ class Description(NamedTuple):
         do."""
         found, stds = [], np.sqrt(np.diag(self.covariance))
         fitted, moved = (
-            float(np.sqrt(self.state.spread[1, 1])),
+            std_of(self.state.spread, "tau"),
             float((self.state.theta - self.about.theta)[2]),
         )
         about = self.about._replace(fitted=(self.state.tau, fitted), moved=moved)

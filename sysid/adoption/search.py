@@ -27,7 +27,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from sysid.adoption.description import Description, Group, Instance
 from sysid.effects.effect import About, plain
 from sysid.minimum.minimise import MOST, Minimiser, State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.verdict.linear import Linear
 from sysid.verdict.view import View

@@ -18,6 +18,7 @@ from sysid.effects.effect import (
     sweep_or_moving,
 )
 from sysid.effects.number import Number, number
+from sysid.model.theta import NAMES, Theta
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import SLOPED, Trial
 
@@ -42,14 +43,14 @@ def _second(trial: Trial, place: float, width: float, drift: float, about: About
     logs holds it at the frequency, of those driven, that is nearest to its resonance; of a decay, of size one
     at its first row."""
     theta = about.theta + np.array([0.0, width, *(about.half_bandwidth * np.array([place, drift])), 0.0, 0.0])
-    theta[0] = np.log(_unseen(place, width, about) / about.drive)
+    theta[NAMES.index("G")] = np.log(_unseen(place, width, about) / about.drive)
     course = Course.of(trial, about.reference, theta)
     return course.forced if trial.driven else course.free
 
 
 def _unseen(place: float, width: float, about: About) -> float:
     """How many times what is driven shows of a mode it would be at its resonance."""
-    at = about.theta[2] + place * about.half_bandwidth
+    at = Theta.of(about.theta).f0 + place * about.half_bandwidth
     outside = max(about.driven[0] - at, 0.0, at - about.driven[1])
     return float(np.hypot(1.0, outside / about.half_bandwidth * np.exp(width)))
 
@@ -99,7 +100,7 @@ def _mode_places(trial: Trial, about: About) -> np.ndarray:
     """Those among what was driven: outside of a sweep no peak shows."""
     places = np.append(-APART, APART)
     if trial.swept:
-        shift = about.reference[0] + about.theta[2]
+        shift = about.reference[0] + Theta.of(about.theta).f0
         at = (trial.log.frequency - shift) / about.half_bandwidth
         places = places[(places > np.min(at)) & (places < np.max(at))]
     return places[:, None] * np.eye(1, 5)
@@ -192,7 +193,7 @@ def _slower(trial: Trial, ratio: float, about: About) -> np.ndarray:
     """(n,) response of a plant that is e^ratio times as slow, from rest; of size one where it has settled at
     the largest drive of the logs."""
     theta = about.theta + np.array([0.0, ratio, 0.0, 0.0, 0.0, 0.0])
-    theta[0] = -np.log(about.drive)
+    theta[NAMES.index("G")] = -np.log(about.drive)
     return Course.of(trial, about.reference, theta).forced
 
 

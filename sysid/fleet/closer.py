@@ -13,7 +13,7 @@ from sysid.fleet.batch import Batch
 from sysid.fleet.closed import Block, Step
 from sysid.fleet.template import FREE, Template
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.averaged import Kind, averaged
 from sysid.verdict.finding import Finding

@@ -12,7 +12,7 @@ from sysid.fleet.halves import Halves, halves
 from sysid.fleet.robust import Lot, lot
 from sysid.fleet.tails import Tails, tails
 from sysid.logs import units
-from sysid.model.prior import PLANT, POSITIVE
+from sysid.model.theta import PLANT, POSITIVE
 from sysid.verdict.result import Result
 
 ALARMS = 0.2  # plates of a whole lot that chance alone makes odd, on the average

@@ -9,7 +9,7 @@ import pandas as pd
 
 from sysid.fleet.lot import ALARMS, UNITS, Judged, judged, summary
 from sysid.fleet.table import texts
-from sysid.model.prior import POSITIVE
+from sysid.model.theta import POSITIVE
 from sysid.verdict.result import Result
 
 COMMON = 0.1  # of the plates: what more of them show is the lot's own

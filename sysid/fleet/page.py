@@ -10,7 +10,7 @@ from sysid.fleet import words
 from sysid.fleet.lot import Judged
 from sysid.fleet.pictures import of_lot, of_plate
 from sysid.fleet.plate import Row, folder_of
-from sysid.model.prior import PLANT
+from sysid.model.theta import PLANT
 from sysid.report.html import template
 from sysid.verdict.result import Result
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from sysid.fleet.lot import Judged
 from sysid.fleet.words import unit_of
-from sysid.model.prior import POSITIVE
+from sysid.model.theta import POSITIVE
 from sysid.report.canvas import BLUE, DOTS, GREY, ORANGE, STYLE, blank
 from sysid.report.text import PREFIXES, clean
 

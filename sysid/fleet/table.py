@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from sysid.fleet.plate import Row
-from sysid.model.prior import NAMES, PLANT
+from sysid.model.theta import NAMES, PLANT
 
 FIELDS = ("value", "std", "ci95_low", "ci95_high", "unit", "determined", "why")
 LISTS = (

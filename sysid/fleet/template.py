@@ -25,8 +25,8 @@ from sysid.fleet.closed import Block
 from sysid.logs.log import Log
 from sysid.minimum.minimise import DOUBTFUL, State
 from sysid.model.plant import LOW_Q
-from sysid.model.prior import NAMES
 from sysid.model.span import inverted
+from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
 from sysid.verdict.averaged import Allowed, Kind, Together, spanned, widest
@@ -365,7 +365,7 @@ def _uncovered(
 
 def _undescribed(state: State, views: Sequence[View], reference: tuple[float, float]) -> str:
     """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
-    f0 = reference[0] + state.theta[2]
+    f0 = reference[0] + state.named.f0
     if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:
         return "its Q is low"
     if flank.seen(state, reference) is not None:

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from sysid.fleet.lot import FEWEST, UNITS
-from sysid.model.prior import POSITIVE
+from sysid.model.theta import POSITIVE
 from sysid.report.text import measured
 
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.]*(e[-+]?\d+)?")

@@ -14,7 +14,8 @@ from sysid.minimum.search import SEARCH_ROWS, Search
 from sysid.minimum.start import joint, local
 from sysid.model.experiment import Groups, Residual
 from sysid.model.plant import LOW_Q, Plant
-from sysid.model.prior import FINGER, FLAT, NAMES, Prior
+from sysid.model.prior import FLAT, Prior
+from sysid.model.theta import FINGER, NAMES, Theta
 from sysid.trials import jitter
 from sysid.trials.experiment import group, split
 from sysid.trials.perturbed import Course
@@ -58,14 +59,19 @@ class State:
         return self.covariance + self.dispersion
 
     @property
+    def named(self) -> Theta:
+        """theta by name."""
+        return Theta.of(self.theta)
+
+    @property
     def G(self) -> float:
         """Response per drive."""
-        return float(np.exp(self.theta[0]))
+        return float(np.exp(self.named.log_G))
 
     @property
     def tau(self) -> float:
         """Time constant, s."""
-        return float(np.exp(self.theta[1]))
+        return float(np.exp(self.named.log_tau))
 
     @property
     def half_bandwidth(self) -> float:
@@ -321,7 +327,7 @@ class Minimiser:
     def _directions(self, theta: np.ndarray) -> np.ndarray:
         """(6, free) unit steps in theta: a factor e in G and tau; a half bandwidth in f0; a tenth of one per
         degC; for a finger the plate's own damping and a half bandwidth."""
-        half_bandwidth = 1 / (2 * np.pi * np.exp(theta[1]))
+        half_bandwidth = 1 / (2 * np.pi * np.exp(Theta.of(theta).log_tau))
         size = [1.0, 1.0, half_bandwidth, 0.1 * half_bandwidth, 1.0, half_bandwidth]
         return np.diag(size)[:, [NAMES.index(n) for n in self.free]]
 
@@ -330,7 +336,8 @@ class Minimiser:
         return self.reference[0] if np.isfinite(self.reference[0]) else 0.0
 
     def _q(self, theta: np.ndarray) -> float:
-        return float(np.pi * max(self.reference[0] + theta[2], 1e-300) * np.exp(theta[1]))
+        at = Theta.of(theta)
+        return float(np.pi * max(self.reference[0] + at.f0, 1e-300) * np.exp(at.log_tau))
 
 
 def _spread(points: np.ndarray, score: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -355,7 +362,7 @@ def _log_gains(search: Search, points: np.ndarray) -> list[float]:
 
 
 def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
-    return not (np.all(np.isfinite(theta)) and abs(theta[1] - begin[1]) < RUNAWAY)
+    return not (np.all(np.isfinite(theta)) and abs(Theta.of(theta - begin).log_tau) < RUNAWAY)
 
 
 def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> float:

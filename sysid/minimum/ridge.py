@@ -15,7 +15,8 @@ import numpy as np
 
 from sysid.minimum.images import as_settled
 from sysid.minimum.minimise import Minimiser, State
-from sysid.model.prior import NAMES, Prior
+from sysid.model.prior import Prior
+from sysid.model.theta import NAMES
 from sysid.trials.perturbed import Course
 from sysid.trials.trial import Trial
 

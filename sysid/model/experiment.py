@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from sysid.model.plant import Response, respond, steady
+from sysid.model.theta import PLANT, Theta
 from sysid.rows.hold import Hold, Leaf
 
 
@@ -92,15 +93,13 @@ def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
     """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex
     arrays.
 
-    theta = (log G, log tau, f0 - reference in Hz, k_T in Hz/degC, and for a full contact of a finger: the
-    added damping in units of the plate's own, and the shift of f0 in Hz). A finger, or what else damps,
-    divides tau and G by one factor, and with G the drive.
+    `theta` (6,) as `model.theta` has it. A finger, or what else damps, divides tau and G by one factor, and
+    with G the drive.
     """
-    tau = jnp.exp(theta[1])
-    detuning = 2 * jnp.pi * (hold.offset + theta[2] + theta[3] * hold.warming)
+    at = Theta.of(theta) if layout.touched else Theta.of(theta[: len(PLANT)])
+    tau, detuning = jnp.exp(at.log_tau), at.detuning(hold)
     if layout.touched:
-        damped = hold.damped * (1.0 + theta[4] * hold.contact)
-        detuning = detuning + 2 * jnp.pi * theta[5] * hold.contact
+        damped = at.damped(hold)
         tau, hold = tau / damped, hold._replace(drive=hold.drive / damped)
     if layout.steady:
         forced = hold.drive * steady(tau, detuning, hold.omega)

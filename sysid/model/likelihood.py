@@ -43,6 +43,7 @@ from sysid.model import rice
 from sysid.model.experiment import Experiment, Layout, Residual, basis
 from sysid.model.plant import Response
 from sysid.model.span import REAL, Span, best_turn, times, turn_towards
+from sysid.model.theta import Theta
 from sysid.rows.hold import Leaf
 
 LATE = 1  # of the columns that depend on the plant, which is the lateness
@@ -79,11 +80,13 @@ def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, C
 def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     """Response to the drive, its rate and the free decay; without G where the log has a gain of its own."""
     if layout.extra:
-        theta = theta.at[2].set(jnp.where(x.tied[2] > 0, x.tied[0] - theta[3] * x.tied[1], theta[2]))
+        at = Theta.of(theta)
+        tied = jnp.where(x.tied[2] > 0, x.tied[0] - at.k_T * x.tied[1], at.f0)
+        theta = jnp.stack(at._replace(f0=tied))
     forced, rate, free = basis(theta, x.hold, layout)
     if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
         forced = jnp.abs(forced)
-    gain = 1.0 if layout.own_gain else jnp.exp(theta[0])
+    gain = 1.0 if layout.own_gain else jnp.exp(Theta.of(theta).log_G)
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
     # time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
@@ -118,7 +121,8 @@ def _eliminated(theta: Array, x: Experiment, layout: Layout):
 def _pull(theta: Array, x: Experiment, layout: Layout) -> Array:
     """(N,) what the prior of the thermometer's error, the last of the extra shapes, holds against a resonance
     of the log's own: by how much warmer the plate is, in standard deviations."""
-    warmer = (x.tied[0] - theta[2] - theta[3] * x.tied[1]) / jnp.where(theta[3] == 0, 1.0, theta[3])
+    at = Theta.of(theta)
+    warmer = (x.tied[0] - at.f0 - at.k_T * x.tied[1]) / jnp.where(at.k_T == 0, 1.0, at.k_T)
     row = layout.rows - layout.extra - (0 if layout.steady else 1 + layout.late)
     return jnp.zeros(layout.rows).at[row].set(warmer * x.tied[2])
 

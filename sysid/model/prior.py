@@ -11,25 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-PLANT = ("G", "tau", "f0", "k_T")
-FINGER = (
-    "finger_damping",
-    "finger_detuning",
-)  # of a full contact: in units of the plate's own damping; shift of f0 in Hz
-NAMES = (*PLANT, *FINGER)
-POSITIVE = ("G", "tau")  # their logarithms are in theta
-
-
-def carried(warming: float) -> np.ndarray:
-    """(6, 6) by which theta is taken to a temperature `warming` degC above that of its f0."""
-    found = np.eye(len(NAMES))
-    found[NAMES.index("f0"), NAMES.index("k_T")] = warming
-    return found
-
-
-def in_units(theta: np.ndarray, frequency: float) -> np.ndarray:
-    """(..., 6) the parameters in their units; theta's f0 is counted from `frequency` (Hz)."""
-    return np.concatenate([np.exp(theta[..., :2]), theta[..., 2:3] + frequency, theta[..., 3:]], axis=-1)
+from sysid.model.theta import NAMES, POSITIVE
 
 
 class Prior(NamedTuple):

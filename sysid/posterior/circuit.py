@@ -36,7 +36,7 @@ from sysid.effects.number import Number
 from sysid.logs import units
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES, POSITIVE, carried
+from sysid.model.theta import NAMES, POSITIVE, carried
 from sysid.posterior.estimate import Estimate
 from sysid.shown import Shown
 from sysid.verdict.bench import TOLD

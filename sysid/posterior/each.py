@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.verdict.fitted import Fit
 from sysid.verdict.view import View
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.model.prior import NAMES, PLANT, carried, in_units
+from sysid.model.theta import NAMES, PLANT, carried, in_units
 from sysid.posterior.mixture import Mixture
 from sysid.shown import Shown
 from sysid.verdict.fitted import Fit

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sysid.logs.log import Log
-from sysid.model.prior import NAMES, PLANT
+from sysid.model.theta import NAMES, PLANT, std_of
 from sysid.posterior.foreseen import PROMISES, Design, Raised, promised
 from sysid.posterior.mixture import Mixture
 from sysid.shown import Shown
@@ -269,7 +269,7 @@ class _Bench:
         """None where there is nothing to go by."""
         state = fit.modes[0]
         trials = tuple(t for t in state.trials if t.resonant and t.driven)
-        if not trials or np.sqrt(state.spread[1, 1]) > (KNOWN if shows_transient(state.trials) else RELATIVE):
+        if not trials or std_of(state.spread, "tau") > (KNOWN if shows_transient(state.trials) else RELATIVE):
             return None
         alone, beside = (_information(t, fit) for t in (state.trials, [loosened(t) for t in state.trials]))
         known = limits(state.G, state.tau)
@@ -329,14 +329,14 @@ class _Bench:
     def experiments(self, drive: float | None, temperatures: Sequence[float] | None) -> Iterator[Experiment]:
         """Steps on resonance and beside it, sweeps narrow and wide, at each temperature."""
         state, (f, degC) = self.fit.modes[0], self.fit.reference
-        theta, tau, hb = state.theta, state.tau, state.half_bandwidth
+        tau, hb = state.tau, state.half_bandwidth
         seen = [t.spacing for t in self.trials if t.spacing > 0 and not t.steady]
         spacing = max(min([*seen, tau / FINE]), tau / 200)
         drive = max(float(np.max(np.abs(t.log.drive))) for t in self.trials) if drive is None else drive
         unit = self.trials[0].log.drive_unit
         reached = temperatures or (degC, degC + AWAY, degC - AWAY)
         for at in reached if self.warm else (None,):
-            f0 = float(f + theta[2] + theta[3] * (0.0 if at is None else at - degC))
+            f0 = float(f + state.named.f0 + state.named.k_T * (0.0 if at is None else at - degC))
             for window in (5.0, 10.0, 20.0):
                 rows = min(int(window * tau / spacing / (1 - REST)) + 1, MOST)
                 for beside in (0.0, -1.0, 1.0):

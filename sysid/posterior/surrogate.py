@@ -18,7 +18,7 @@ import numpy as np
 from sysid.minimum.minimise import State
 from sysid.model.experiment import Groups
 from sysid.model.likelihood import density, residual
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.precision import compiled
 from sysid.trials.experiment import group, split
 

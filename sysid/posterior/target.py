@@ -10,7 +10,7 @@ from scipy.special import ndtri
 
 from sysid.minimum.minimise import Minimiser, State, shares
 from sysid.minimum.ridge import along, bent
-from sysid.model.prior import NAMES, POSITIVE, carried
+from sysid.model.theta import NAMES, POSITIVE, carried
 from sysid.posterior.mixture import Mixture
 from sysid.posterior.surrogate import Density
 from sysid.trials.experiment import group

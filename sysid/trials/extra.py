@@ -52,7 +52,7 @@ def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
     course's columns. A resonance far away is reached in several rounds."""
     if set(UNITS).isdisjoint(new.nuisances):
         return new
-    trial, (f0, k_T) = course.trial, course.theta[2:4]
+    trial, f0, k_T = course.trial, course.named.f0, course.named.k_T
     if "thermometer" in trial.nuisances:
         own, most = (
             f0 + k_T * course.warming if trial.bench.resonance is None else trial.bench.resonance,
@@ -113,8 +113,8 @@ def _shapes(
             if len(stamps) > 1
             else 0 * log.time
         )
-        yield "lag", course.along(course.theta[3] * rate * turning, *beside), SHARE * float(np.ptp(log.time))
+        yield "lag", course.along(course.named.k_T * rate * turning, *beside), SHARE * float(np.ptp(log.time))
     yield "gain", course.forced, trial.bench.narrow.get("gain", SHARE)
     error = log.bench.get("temperature_std_degC", 0.0)
     if trial.resonant and error:  # the last, as `model.likelihood` has its prior
-        yield "thermometer", course.changed(2j * np.pi * course.theta[3] * held, *beside), error
+        yield "thermometer", course.changed(2j * np.pi * course.named.k_T * held, *beside), error

@@ -18,6 +18,7 @@ import numpy as np
 
 from sysid.model import rice
 from sysid.model.plant import Response, respond, steady
+from sysid.model.theta import Theta
 from sysid.rows.hold import Hold, cut, read_at
 from sysid.trials.trial import Trial
 
@@ -43,28 +44,32 @@ class Course:
         """Of a log whose inputs are offsets from `reference` (Hz, degC)."""
         return cls(trial, trial.hold(reference), theta)
 
+    @property
+    def named(self) -> Theta:
+        """theta by name."""
+        return Theta.of(self.theta)
+
     @cached_property
     def gain(self) -> float:
         """G; 1 for a log whose own gain is free."""
-        return 1.0 if self.trial.log.drive is None else float(np.exp(self.theta[0]))
+        return 1.0 if self.trial.log.drive is None else float(np.exp(self.named.log_G))
 
     @cached_property
     def tau(self) -> float:
-        return float(np.exp(self.theta[1]))
+        return float(np.exp(self.named.log_tau))
 
     @cached_property
     def damped(self) -> np.ndarray:
         """(M,) factor by which a finger, and what else damps, multiplies the damping."""
-        return self.hold.damped * (1 + self.theta[4] * self.hold.contact)
+        return self.named.damped(self.hold)
 
     @cached_property
     def detuning(self) -> np.ndarray:
         """(M,) omega0 - omega of each interval, rad/s; zero where no frequency is recorded."""
-        hold, (shift, drift, _, touch) = self.hold, self.theta[2:]
+        at = self.named
         if self.trial.tied:
-            shift = self.trial.bench.resonance - drift * self.warming
-        found = 2 * np.pi * (hold.offset + shift + drift * hold.warming + touch * hold.contact)
-        return np.where(np.isfinite(hold.omega), found, 0.0)
+            at = at._replace(f0=self.trial.bench.resonance - at.k_T * self.warming)
+        return np.where(np.isfinite(self.hold.omega), at.detuning(self.hold), 0.0)
 
     @property
     def warming(self) -> float:
@@ -74,12 +79,9 @@ class Course:
     @property
     def warmer(self) -> float:
         """By how many degC the plate is warmer than read, where the log has a resonance of its own."""
-        drift = self.theta[3]
-        return (
-            (self.trial.bench.resonance - self.theta[2]) / drift - self.warming
-            if self.trial.tied and drift
-            else 0.0
-        )
+        f0, k_T = self.named.f0, self.named.k_T
+        own = self.trial.tied and k_T
+        return (self.trial.bench.resonance - f0) / k_T - self.warming if own else 0.0
 
     @property
     def pole(self) -> np.ndarray:

@@ -44,7 +44,7 @@ def update(
             )
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(
-                moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].theta[3])
+                moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].named.k_T)
             )
             updated[i] = new
     return tuple(updated), tuple(models), cost, moved

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.verdict.finding import Finding
 from sysid.verdict.linear import Linear, Scored
 from sysid.verdict.term import Term

@@ -109,6 +109,6 @@ def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndar
 
 def _elsewhere(view: View, others: Sequence[Log], warmed: bool) -> Callable[[np.ndarray, np.ndarray], str]:
     """`warmed`: k_T is fitted."""
-    k_T = float(view.course.theta[3]) if warmed else 0.0
+    k_T = float(view.course.named.k_T) if warmed else 0.0
     log = view.trial.log
     return lambda value, _: elsewhere(log.name, [log], others, float(value[0]), k_T)

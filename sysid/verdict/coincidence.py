@@ -37,7 +37,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES, std_of
 from sysid.trials.trial import Trial
 from sysid.verdict.result import NORMAL95
 from sysid.verdict.view import View
@@ -113,7 +113,7 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
         views.append(View(without, model, state, reference, coloured=True))
     index = [NAMES.index(n) for n in free]
     variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])
-    return variance is not None and variance < MOSTLY**2 * state.covariance[0, 0]
+    return variance is not None and variance < MOSTLY**2 * std_of(state.covariance, "G") ** 2
 
 
 def cancelling(view: View) -> tuple[float, float] | None:

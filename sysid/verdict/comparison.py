@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.shown import Shown
 from sysid.trials.extra import EXTRA, UNITS
 from sysid.trials.trial import NUISANCES, Trial

@@ -10,7 +10,7 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.plant import Plant
-from sysid.model.prior import FINGER, NAMES, PLANT, carried, in_units
+from sysid.model.theta import FINGER, NAMES, PLANT, carried, in_units, std_of
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, recorder, wording
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
@@ -95,7 +95,7 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     best, free, reference = states[0], question.minimiser.free, question.minimiser.reference
     G, tau = best.G, best.tau
     index = [NAMES.index(n) for n in free]
-    drifts = "k_T" in free and np.sqrt((best.alone + best.dispersion)[3, 3]) <= identify.limits(G, tau)["k_T"]
+    drifts = "k_T" in free and std_of(best.alone + best.dispersion, "k_T") <= identify.limits(G, tau)["k_T"]
     drifts = drifts and not identify.within_errors(best.trials)
     warm = any(t.log.temperature is not None for t in best.trials)
     at = question.reference_temperature if drifts else (reference[1] if warm else None)
@@ -150,7 +150,7 @@ def _judged(question: Question, best: State, at: float | None, hangs: bool) -> J
     if hangs and not wrong and not identify.hopeless(best.trials, free):
         doubts = [
             *doubts,
-            Finding("late", "noted", wording.hangs_on_lateness(float(np.sqrt(best.spread[0, 0])))),
+            Finding("late", "noted", wording.hangs_on_lateness(std_of(best.spread, "G"))),
         ]
     if FINGER[0] in free and (carried := recorder.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.minimum.minimise import shares
-from sysid.model.prior import NAMES, POSITIVE, carried, in_units
+from sysid.model.theta import NAMES, POSITIVE, carried, in_units, std_of
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
 from sysid.verdict.fitted import Fit
@@ -70,7 +70,7 @@ def _limit(fit: Fit, name: str) -> float:
     """The largest error of a determined parameter; where tau is vague, that for the narrowest half bandwidth
     it allows."""
     state = fit.modes[0]
-    tau, vague = state.tau, float(np.sqrt(state.spread[1, 1]))
+    tau, vague = state.tau, std_of(state.spread, "tau")
     if vague > identify.RELATIVE and name in ("f0", "k_T"):
         tau = tau * np.exp(min(2 * vague, 10.0))
     return identify.limits(state.G, tau)[name]
@@ -86,7 +86,7 @@ def _shown(fit: Fit, name: str) -> bool:
         name == "k_T" and identify.within_errors(state.trials)
     ):
         return False
-    known = name not in ("f0", "k_T") or np.sqrt(state.spread[1, 1]) <= identify.RELATIVE
+    known = name not in ("f0", "k_T") or std_of(state.spread, "tau") <= identify.RELATIVE
     return known or not identify.buried(state.trials)
 
 

@@ -29,8 +29,8 @@ import numpy as np
 from scipy.special import gammaincc
 
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES, PLANT
 from sysid.model.span import inverted
+from sysid.model.theta import NAMES, PLANT
 from sysid.verdict.coincidence import cancelling, may_cancel, tightened
 from sysid.verdict.view import View
 

@@ -10,7 +10,7 @@ import numpy as np
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
 from sysid.model.plant import Plant
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.rows.condense import taken
 from sysid.shown import Shown
 from sysid.trials.noise import Level

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.rows.dwell import dwells
 from sysid.trials.trial import Trial
 

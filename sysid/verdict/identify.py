@@ -94,7 +94,7 @@ def overdamped(state: State, reference: tuple[float, float]) -> str | None:
     resonance; else None."""
     if not any(t.resonant for t in state.trials) or all(t.silent for t in state.trials):
         return None
-    if np.pi * (reference[0] + state.theta[2]) * state.tau >= 0.5:
+    if np.pi * (reference[0] + state.named.f0) * state.tau >= 0.5:
         return None
     return (
         "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a response"

@@ -10,8 +10,8 @@ from scipy.linalg import block_diag
 
 from sysid.effects.number import Number
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES, carried
 from sysid.model.span import inverted
+from sysid.model.theta import NAMES, carried
 from sysid.verdict.term import UNNAMED, Term
 from sysid.verdict.throughout import CURVED
 from sysid.verdict.view import View

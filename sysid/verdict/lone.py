@@ -18,7 +18,7 @@ from copy import copy
 import numpy as np
 
 from sysid.minimum.minimise import State
-from sysid.model.prior import NAMES, POSITIVE, carried
+from sysid.model.theta import NAMES, POSITIVE, carried
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
 from sysid.verdict.view import View

@@ -19,7 +19,7 @@ from scipy.special import gammaincc
 
 from sysid.effects.effect import About, one_way
 from sysid.minimum.minimise import Minimiser, State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.verdict.averaged import Average, averaged
 from sysid.verdict.between import own, times
 from sysid.verdict.coincidence import cancelling

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sysid.minimum.minimise import Minimiser, State
-from sysid.model.prior import carried
+from sysid.model.theta import carried
 from sysid.rows.thermometer import was_read
 from sysid.trials.trial import Trial
 from sysid.verdict.between import OFF, elsewhere, finger, own, times, warmer
@@ -42,7 +42,7 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
             return found
     if (
         each
-        and (said := _scattered(told, trials, together.theta[3]))
+        and (said := _scattered(told, trials, together.named.k_T))
         and all(described(minimiser, s) for s in each)
     ):
         return _found(trials, said)
@@ -107,7 +107,7 @@ def _contradiction(
     if touch := _touch(apart):
         said = finger("{}", warmer(logs, odd))(np.array([touch]), None)
     elif name == "f0":
-        k_T = float(rest.theta[3]) if "k_T" in minimiser.free else 0.0
+        k_T = float(rest.named.k_T) if "k_T" in minimiser.free else 0.0
         said = elsewhere("{}", [t.log for t in some], others, value, k_T)
     else:
         said = own("{}", name, times(float(np.expm1(value)) if value > 0 else value), len(odd) > 1)

@@ -17,7 +17,7 @@ import numpy as np
 
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser, State
-from sysid.model.prior import NAMES
+from sysid.model.theta import NAMES
 from sysid.rows.hold import hold_inputs, read_at
 from sysid.trials.trial import Trial
 from sysid.verdict import wording

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.minimise import State
+from sysid.model.theta import std_of
 from sysid.trials.trial import Trial
 from sysid.verdict.coincidence import complex_of
 from sysid.verdict.view import View
@@ -63,7 +64,7 @@ class Delays(NamedTuple):
 
 def with_delays(state: State, reference: tuple[float, float]) -> Delays:
     """What settled points tell of a sensor's delay."""
-    trials, error = list(state.trials), float(np.sqrt(state.covariance[0, 0]))
+    trials, error = list(state.trials), std_of(state.covariance, "G")
     swept = [i for i, t in enumerate(trials) if _may_be_late(t)]
     seen = {
         i: _share(View(trials[i], state.models[i], state, reference, coloured=True), state) for i in swept

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from sysid.model.prior import FINGER
+from sysid.model.theta import FINGER
 from sysid.rows.hold import contact, force_of
 from sysid.trials.trial import LEAST_WARMING
 from sysid.verdict.term import Term

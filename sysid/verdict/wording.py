@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sysid.logs.log import Log
+from sysid.model.theta import Theta
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise
@@ -167,18 +168,17 @@ def hangs_on_lateness(error: float) -> str:
     )
 
 
-def of_thermometers(
-    unstated: Sequence[Log], k_T: float, without: np.ndarray, errors: np.ndarray
-) -> list[str]:
+def of_thermometers(unstated: Sequence[Log], k_T: float, without: Theta, errors: Theta) -> list[str]:
     """Sentences where the `errors` of theta are mostly those of the thermometers, of which nothing but the
     readings is known, as errors `without` them are smaller; and where k_T hangs on one that is not the same
     in all of a log."""
-    wide = [name for k, name in ((2, "f0"), (3, "k_T")) if errors[k] > MOSTLY * without[k] > 0]
+    each = {n: (getattr(errors, n), getattr(without, n)) for n in ("f0", "k_T")}
+    wide = [name for name, (now, before) in each.items() if now > MOSTLY * before > 0]
     off = {log.name: log.bench.get("temperature_std_degC", 0.0) for log in unstated}
     warmed = {log.name: np.ptp(log.temperature) for log in unstated if log.temperature is not None}
     found = [
         f"{name}: its thermometer may be {off[name]:.2g} degC off in a part of the rows, which moves k_T by"
-        f" {abs(k_T) * off[name] / warming / errors[3]:.2g} of its standard deviations, which its error"
+        f" {abs(k_T) * off[name] / warming / errors.k_T:.2g} of its standard deviations, which its error"
         f" does not include; read it"
         " in finer steps"
         for name, warming in warmed.items()
