@@ -73,9 +73,7 @@ class Search:
     """For the numbers of effects beside a minimum."""
 
     def __init__(self, minimiser: Minimiser, state: State, about: About | None = None):
-        # What a plate that is not described seems to be fed beside it is a part of what it does.
-        trials = tuple(t.with_bench(fed=0.0) for t in state.trials)
-        self.minimiser, self.alone = minimiser, replace(state, trials=trials)
+        self.minimiser, self.alone = minimiser, _all_its_own(state)
         self.about = about or About.of(state, minimiser.reference)
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
 
@@ -103,7 +101,10 @@ class Search:
         followed.sort(key=lambda p: p.cost)
         within = followed[0].cost + WITHIN if followed else np.inf
         hopeful = [min(p.cost, p.cost - self.looked(p).gain) < within for p in followed]
-        optima = [self.followed(p, STEPS) if hope else p for p, hope in zip(followed, hopeful, strict=True)]
+        optima = [
+            self.by_its_motion(self.followed(p, STEPS)) if hope else p
+            for p, hope in zip(followed, hopeful, strict=True)
+        ]
         each = [
             self.distinct([p for p in optima if p.instances == x], NEARLY)
             for x in {p.instances for p in optima}
@@ -154,6 +155,10 @@ class Search:
     def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
+        state = self._refined(instances, numbers, near, steps)
+        return state if _fed(near) else _all_its_own(state)
+
+    def _refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
         read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
         return self.minimiser.refine(
             tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1, 0, steps
@@ -161,7 +166,7 @@ class Search:
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""
-        return self.minimiser.minima(self.applied(instances, numbers, self.alone))[0]
+        return _all_its_own(self.minimiser.minima(self.applied(instances, numbers, self.alone))[0])
 
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
         """- log likelihood of what was recorded and - log prior of the numbers."""
@@ -187,6 +192,15 @@ class Search:
             if gained < NEAR**2:
                 break
         return point
+
+    def by_its_motion(self, point: Point) -> Point:
+        """The optimum near another where what is fed beside a plate is no motion of it, if that is better. It
+        is known only where the plate is nearly described: until then all that a log shows is its plate's."""
+        if _fed(point.state):
+            return point
+        begun = self._refined(point.instances, point.numbers, point.state, MOST)
+        there = self.followed(self.at(point.instances, point.numbers, begun), STEPS)
+        return there if there.cost < point.cost - NEAR else point
 
     def distinct(self, points: Sequence[Point], within: float) -> list[Point]:
         """Of points of the same effects, the best first, each whose cost is `within` so much of the best,
@@ -308,6 +322,7 @@ class Search:
         """The minimum near another with the noise that is there, whatever its colour; its logs read as
         `trials`, or as there."""
         state = self.minimiser.refine(trials or near.trials, near.theta, known=1)
+        state = state if _fed(near) else _all_its_own(state)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
     def finished(self, found: Description) -> Description:
@@ -329,6 +344,16 @@ class Search:
             state=point.state, numbers=point.numbers, covariance=covariance, dispersion=dispersion
         )
         return done._replace(sense=self.makes_sense(done))
+
+
+def _fed(state: State) -> bool:
+    """Whether it is known what is fed beside its plates."""
+    return any(np.any(t.bench.fed) for t in state.trials)
+
+
+def _all_its_own(state: State) -> State:
+    """The same with all that its logs show taken for motions of their plates."""
+    return replace(state, trials=tuple(t.with_bench(fed=0.0) for t in state.trials))
 
 
 def _likely(tried: Sequence[Group]) -> list[Group]:
