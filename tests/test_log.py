@@ -825,7 +825,7 @@ def any_log(draw):
         response = np.empty(count, complex)
         response.real, response.imag = real, imaginary
     time = np.sort(draw(column))
-    lasts = float(time[-1] - time[0]) or 1.0
+    lasts = min(float(time[-1] - time[0]) or 1.0, LARGEST)
     times = {key: share * lasts for key, share in draw(st.fixed_dictionaries({}, optional=TIMES)).items()}
     return Log(
         "made",
