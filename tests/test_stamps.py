@@ -105,6 +105,7 @@ def test_rounded_frequencies_of_a_sweep_up_and_down():
         assert digit == pytest.approx(10)
         assert np.max(np.abs(found - path)) < 2.5  # half of the digit at each row, unless it is taken off
         assert even_sweep(path) is None
+        assert even_sweep(np.round(path + 0.123 * np.arange(len(path)), 1)) is None  # fine enough
 
 
 @pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), study({"delay_s": 0.0}, 1), ({}, 10)])

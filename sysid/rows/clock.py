@@ -12,6 +12,7 @@ WITHIN = 0.6
 LOST = 5
 # of its period, to which a scale has to be known: half of what tau is told to by a good step, and by a sweep
 FIRM, FIRM_SWEEP = 2e-3, 5e-3
+COARSE = 0.05  # of a step between frequencies: finer digits are nothing beside what resolves a peak
 
 
 def even(time: np.ndarray, firm: float = FIRM) -> tuple[np.ndarray, float] | None:
@@ -54,6 +55,8 @@ def even_sweep(frequency: np.ndarray) -> tuple[np.ndarray, float] | None:
     for part in np.split(frequency, begins):
         falls = part[-1] < part[0]
         if (line := even(-part if falls else part, FIRM_SWEEP)) is None:
+            return None
+        if line[1] < COARSE * abs(line[0][1] - line[0][0]):
             return None
         found.append(-line[0] if falls else line[0])
         digits.append(line[1])
