@@ -302,7 +302,7 @@ SLOPE = Effect(
         and trial.resonant
         and trial.driven
         and "background" in trial.nuisances
-        and len(np.unique(trial.log.frequency)) >= SLOPED
+        and trial.tuned >= SLOPED
     ),
     stds=lambda trial, about: np.array([SLOPING, SLOPING]),
     starts=lambda trial, about: np.zeros((1, 2)),  # it is linear

@@ -149,8 +149,6 @@ def shifted(trial: Trial, column: str, more: np.ndarray) -> Trial:
         inputs = inputs._replace(offset=inputs.offset - held, omega=inputs.omega + 2 * np.pi * held)
     else:
         inputs = inputs._replace(warming=inputs.warming + held)
-    if not trial.steady:  # what is said of its frequencies is about those that were recorded
-        return replace(trial, inputs=inputs)
     log = replace(trial.log, **{column: getattr(trial.log, column) + more})
     return replace(trial, log=log, inputs=inputs)
 

@@ -25,6 +25,7 @@ class Record:
     most: int = 0  # rows, if condensed no more than a filter asks for
     rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
     steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
+    tuned: int = 0  # different frequencies that were recorded, whatever an effect makes of them
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @property
