@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from conftest import seeds, study
+from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 import sysid
@@ -77,6 +78,19 @@ def softened(rng):
         power = np.min(p[np.abs(p.imag) < 1e-6].real)
         rows.append(1 / (1 + 1j * (x + k * power)))
     return swept(rng, f, noisy(rng, np.array(rows), 0.004))
+
+
+def softened_step(rng):
+    """From rest, a' = (-1 + j (x + 1.3 |a|^2)) a/tau + 1/tau, integrated; a plate of large Q."""
+    t, beside = 1e-4 * (np.arange(220) - 20), 0.1
+
+    def slope(_, a):
+        return ((-1 + 1j * (beside + 1.3 * abs(a) ** 2)) * a + 1) / TAU
+
+    moved = solve_ivp(slope, (0, t[-1]), [0j], t_eval=t[21:], rtol=1e-9, atol=1e-11).y[0]
+    y = np.exp(0.3j) * np.concatenate([np.zeros(21, complex), moved])
+    volts, frequency = np.where(t < -1e-12, 0.0, 1.0), np.full(len(t), F0 - beside * HALF)
+    return [Log("step", noisy(rng, y, 0.004), t, volts, frequency, kind="transient", sampling="instant")]
 
 
 def softened_beside_a_feedthrough(rng):
@@ -194,7 +208,7 @@ KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled,
-    "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
+    "duffing of a step": softened_step, "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 
 
