@@ -29,6 +29,7 @@ class Theta(NamedTuple):
 
     @classmethod
     def of(cls, vector: Any) -> "Theta":
+        """Of one vector (6,), of the first few of its numbers, or of several (P, 6)."""
         return cls(*vector.T)
 
     def damped(self, hold: Hold) -> Any:

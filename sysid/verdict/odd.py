@@ -21,6 +21,7 @@ from sysid.verdict.recorder import clipped, touched
 
 APART = 5.0  # standard deviations by which logs have to contradict the others: once in a million
 ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
+UNKNOWN = 1e150  # standard deviations of what a log says nothing of, whose weight is still a number
 DIFFER = ("G", "tau", "f0")  # of which G and tau as logarithms
 
 Told = Mapping[str, tuple[np.ndarray, np.ndarray]]  # by name, values (n,) and standard deviations
@@ -158,5 +159,5 @@ def _apart(alone: State, rest: State, name: str, warm: float) -> tuple[float, fl
     """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of
     that."""
     row = carried(warm)[DIFFER.index(name)]
-    value = row @ (alone.theta - rest.theta)
-    return float(value), float(np.sqrt(row @ (alone.covariance + rest.covariance) @ row))
+    value, variance = row @ (alone.theta - rest.theta), row @ (alone.covariance + rest.covariance) @ row
+    return float(value), float(np.sqrt(variance)) if 0 < variance < np.inf else UNKNOWN

@@ -6,6 +6,7 @@ import numpy as np
 
 from sysid.logs.log import Log
 from sysid.model.theta import Theta
+from sysid.rows.dwell import of_single_points
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise
@@ -133,18 +134,20 @@ UNSAID = (
 OFTEN = 0.1  # changes a row, from which on a transient's `sampling` matters however late its response may be
 
 
+DWELT = "settled, as at a long dwell they mostly do"
+
+
 def sampled(trial: Trial, stated: str | None) -> str | None:
     """A sentence on which inputs the rows were taken to belong to, where that is not `stated` and was told
     from the log alone; else None."""
     if stated is not None or trial.log.time is None:
         return None
     if trial.steady:
-        return f"{UNSAID} settled, as at a long dwell they mostly do" if trial.log.kind is None else None
-    return (
-        f"{UNSAID} settled, as rows of the same inputs then agree"
-        if trial.log.sampling == "settled"
-        else None
-    )
+        return f"{UNSAID} {DWELT}" if trial.log.kind is None else None
+    if trial.log.sampling != "settled":
+        return None
+    alike = "settled, as rows of the same inputs then agree"
+    return f"{UNSAID} {DWELT if of_single_points(trial.log) else alike}"
 
 
 def owned(reading: str | None) -> str:
