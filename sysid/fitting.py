@@ -181,7 +181,8 @@ def _concluded(question: Question, states: list[State]) -> Fit:
         [minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1)]
     )
     tight = [unfolded(minimiser, s) for s in tight]
-    narrow = conclude(question, tight, hangs(tight[0], minimiser.reference, minimiser.free))
+    asked = replace(question, trials=_with_priors(question.trials, tight[0].trials))
+    narrow = conclude(asked, tight, hangs(tight[0], minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit or not narrow.judged.open:  # whose cause is plain
         return narrow
     wide = conclude(question, states, names)

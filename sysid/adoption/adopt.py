@@ -123,7 +123,7 @@ class _Adoption:
         if i not in self.contradicting:
             search, whole = self.search, range(len(self.search.trials))
             parts = [tuple(search.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
-            each = [search.minimiser.refine(part, search.alone.theta, 1, 0) for part in parts]
+            each = [search.minimiser.refine(part, search.alone.theta, 1, white=True) for part in parts]
             self.contradicting[i] = _most(sum(s.likelihood for s in each) + search.base, len(search.names))
         return self.contradicting[i]
 

@@ -16,8 +16,8 @@ with s the numbers' prior standard deviations and C_u their covariance, in white
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -48,15 +48,14 @@ NUGGET = 1e-6  # of the power of noise behind a filter: a recorder's own
 DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
 
 
-class Point(NamedTuple):
-    """Numbers of effects, and the minimum of all else there; `hoped` is the cost after one more step, to
-    second order."""
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Numbers of effects, and the minimum of all else there."""
 
     instances: tuple[Instance, ...]
     numbers: np.ndarray
     state: State
     cost: float
-    hoped: float = np.inf
 
 
 class Looked(NamedTuple):
@@ -76,6 +75,7 @@ class Search:
         self.minimiser, self.alone = minimiser, _all_its_own(state)
         self.about = about or About.of(state, minimiser.reference)
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
+        self.looked = cache(self.look)  # a point is looked at where a search begins, ends and is weighed
 
     @cached_property
     def names(self) -> list[str]:
@@ -91,8 +91,8 @@ class Search:
         """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest
         first."""
         known = 0 if before is None else len(before.instances)
-        starts = [p for x in tried for p in self.starts(before, x) if np.isfinite(p.hoped)]
-        starts.sort(key=lambda p: p.hoped)
+        starts = [p for x in tried for p in self.starts(before, x) if np.isfinite(self.hoped(p))]
+        starts.sort(key=self.hoped)
         followed = []
         for group in _likely([p.instances[known:] for p in starts]):
             own = [p for p in starts if p.instances[known:] == group][:CLOSER]
@@ -100,7 +100,7 @@ class Search:
         followed = [p for p in followed if self.plausible(p)] or followed
         followed.sort(key=lambda p: p.cost)
         within = followed[0].cost + WITHIN if followed else np.inf
-        hopeful = [min(p.cost, p.cost - self.looked(p).gain) < within for p in followed]
+        hopeful = [min(p.cost, self.hoped(p)) < within for p in followed]
         optima = [
             self.by_its_motion(self.followed(p, STEPS)) if hope else p
             for p, hope in zip(followed, hopeful, strict=True)
@@ -122,9 +122,12 @@ class Search:
             *(x.effect.starts(self.trials[x.where[0]], self.about) for x in group), strict=False
         ):
             u = np.concatenate([numbers, *start])
-            point = self.at(every, u, self.anew(every, u) if afresh else near, steps)
-            found.append(point._replace(hoped=point.cost - self.looked(point).gain))
+            found.append(self.at(every, u, self.anew(every, u) if afresh else near, steps))
         return found
+
+    def hoped(self, point: Point) -> float:
+        """The cost after one more step from a point, to second order."""
+        return point.cost - self.looked(point).gain
 
     def at(
         self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, steps: int = MOST
@@ -161,7 +164,7 @@ class Search:
     def _refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
         read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
         return self.minimiser.refine(
-            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1, 0, steps
+            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1, 0, steps, white=True
         )
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
@@ -180,10 +183,10 @@ class Search:
     def followed(self, point: Point, most: int) -> Point:
         """Where `most` steps from a point, or fewer, lead."""
         for _ in range(most):
-            step, covariance, *_ = self.looked(point)
-            if _ends(step, covariance):
+            look = self.looked(point)
+            if _ends(look.step, look.covariance):
                 break
-            step = step / max(1.0, float(np.max(np.abs(step) / self.stds(point.instances))))
+            step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.stds(point.instances))))
             there = (self.at(point.instances, point.numbers + share * step, point.state) for share in SHARES)
             better = next((p for p in there if p.cost < point.cost), None)
             if better is None:
@@ -213,10 +216,10 @@ class Search:
                 kept.append(p)
         return kept
 
-    def looked(self, point: Point, coloured: bool = False) -> Looked:
+    def look(self, point: Point, coloured: bool = False) -> Looked:
         """What is seen from a point. `coloured`: by the noise as it is found there, else as if it were
         white."""
-        instances, numbers, state = point[:3]
+        instances, numbers, state = point.instances, point.numbers, point.state
         views = View.each(state, self.minimiser.reference, coloured)
         linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
         rows = self.columns(instances, numbers, state, views)
@@ -256,7 +259,17 @@ class Search:
         volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
         evidence = self.base - point.cost + volume - len(point.instances) * np.log(count)
         evidence = evidence + self.coloured(point) if np.isfinite(evidence) else -np.inf
-        found = Description(*point[:3], parts, covariance, dispersion, evidence, self.about, True)
+        found = Description(
+            point.instances,
+            point.numbers,
+            point.state,
+            parts,
+            covariance,
+            dispersion,
+            evidence,
+            self.about,
+            True,
+        )
         return found._replace(sense=self.makes_sense(found))
 
     def coloured(self, point: Point) -> float:

@@ -188,24 +188,33 @@ class Minimiser:
         rounds: int = 30,
         known: int = 0,
         steps: int = MOST,
+        white: bool = False,
     ) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with
         and without.
 
         `known`: rounds in which the noise of the trials has been estimated already; 0: none. `steps`: at most
-        in a search; with 0 of them and one round, what is seen at theta itself.
+        in a search; with 0 of them and one round, what is seen at theta itself. `white`: of the noise only
+        the level is asked for, as of what is to be compared in one round.
         """
         if not any(t.resonant and not t.steady for t in trials):
-            return self._descend(trials, theta, False, rounds, known, steps)
-        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known, steps)
+            return self._descend(trials, theta, False, rounds, known, steps, white)
+        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known, steps, white)
         q = self._q(state.theta)
         if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
             return state
-        other = self._descend(trials, state.theta, not state.low_q, rounds, known, steps)
+        other = self._descend(trials, state.theta, not state.low_q, rounds, known, steps, white)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
     def _descend(
-        self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: int, known: int, most: int
+        self,
+        trials: tuple[Trial, ...],
+        theta: np.ndarray,
+        low_q: bool,
+        rounds: int,
+        known: int,
+        most: int,
+        white: bool,
     ) -> State:
         """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
@@ -234,7 +243,7 @@ class Minimiser:
                 theta, trials = before
                 continue
             courses = [Course.of(t, self.reference, theta) for t in trials]
-            trials, models, cost, moved = update(trials, members, found, courses, round_=k)
+            trials, models, cost, moved = update(trials, members, found, courses, k, white)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
             change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED

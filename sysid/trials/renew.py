@@ -22,8 +22,10 @@ def update(
     found: Sequence[Residual],
     courses: Sequence[Course],
     round_: int,
+    white: bool = False,
 ) -> tuple[tuple[Trial, ...], tuple[np.ndarray, ...], float, float]:
-    """Noise and nuisances of each log from the residual at the present theta. Returns the updated trials, the
+    """Noise and nuisances of each log from the residual at the present theta; of the noise nothing but its
+    level where it is taken for `white`. Returns the updated trials, the
     modelled rows of each, the total cost, and the largest relative change."""
     updated, models, cost, moved = list(trials), [t.log.response for t in trials], 0.0, 0.0
     for logs, detail in zip(members, found, strict=True):
@@ -35,7 +37,7 @@ def update(
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
             floor, late = float(detail.floor[k]), float(detail.late[k])
             offset = complex(detail.offset[k]) if trials[i].bench.alongside is None else 0.0
-            new = _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_)
+            new = _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_, white)
             new = new.with_bench(turn=turn, fed=models[i] - driven if new.signed else 0.0)
             new = (
                 renewed(new, courses[i], np.asarray(detail.extra[k]))
@@ -112,10 +114,11 @@ def _renew(
     late: float,
     offset: complex,
     round_: int,
+    white: bool,
 ) -> Trial:
     """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also
     its floor and an offset."""
-    new = heard(trial, trial.as_recorded(model), course, floor, round_)
+    new = heard(trial, trial.as_recorded(model), course, floor, round_, white)
     late = late * trial.lateness / trial.looseness
     if trial.signed:
         return new.with_bench(start=start, late=late)

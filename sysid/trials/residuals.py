@@ -37,16 +37,22 @@ BEGINS = 5
 FEW = 100  # rows: fewer may look white although their noise is coloured enough to matter
 
 
-def heard(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
+def heard(
+    trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int, white: bool = False
+) -> Trial:
     """The trial with the noise that its residual shows; `floor`: square of the noise that lifts amplitudes,
-    of an amplitude log."""
+    of an amplitude log. `white`: nothing but its level is asked for."""
     decaying = (
         trial.log.relative_noise and not trial.steady
     )  # what a first model makes of a tail in dB is no level
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
     new = with_rounding(trial, model, round_) if any(trial.steps) else None
     new = new or _with_noise_of(
-        replace(trial, noise=replace(trial.noise, rounded=None, own=None)), model, course.design, round_
+        replace(trial, noise=replace(trial.noise, rounded=None, own=None)),
+        model,
+        course.design,
+        round_,
+        white,
     )
     new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
@@ -197,7 +203,9 @@ class _Residual(NamedTuple):
         return tuple(found)
 
 
-def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int) -> Trial:
+def _with_noise_of(
+    trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray], round_: int, white: bool
+) -> Trial:
     """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided
     anew in each round between the first and HELD; correlation times are fixed after SETTLED."""
     trial = (
@@ -207,7 +215,7 @@ def _with_noise_of(trial: Trial, model: np.ndarray, design: Callable[[], np.ndar
     )
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
-    held = known.time if round_ > SETTLED else None
+    held = 0.0 if white else known.time if round_ > SETTLED else None
     ratio = known.levels[1].std / known.levels[0].std if known.levels else 1.0
     std, time = found.level(ratio, held)
     weight, told, regular = np.ones(len(found.left)), 1.0, known.kept[found.rows]
