@@ -87,6 +87,11 @@ def make_beside() -> None:
         _beside.append(ThreadPoolExecutor(2, "compiler"))
 
 
+def makes_beside() -> bool:
+    """Whether programs are made by threads."""
+    return bool(_beside)
+
+
 def forget_programs() -> None:
     """Forget what this process compiled, as if it had just begun; what is kept on disk stays."""
     for function in _all:
@@ -95,8 +100,8 @@ def forget_programs() -> None:
 
 
 class compiled:
-    """`function(*arrays, layouts, groups)` compiled once for each layout, and kept on disk (`sysid.kept`).
-    The arrays, and those in the groups, are of 64 bits.
+    """`function(*arrays, layout, given)` compiled once for each layout, anything that can be a key, and
+    shapes, and kept on disk (`sysid.kept`). The arrays, and those in the pytree `given`, are of 64 bits.
 
     `seldom`: called so few times that compiling it well costs more than it saves.
     """
@@ -107,30 +112,29 @@ class compiled:
         _all.append(self)
 
     def __call__(self, *args: Any) -> Any:
-        *arrays, _, groups = args
-        return self._made(args).result()(*arrays, groups)
+        *arrays, _, given = args
+        return self._made(args).result()(*arrays, given)
 
-    def prepare(self, arguments: Callable[[], Sequence]) -> None:
-        """Begin to make the program of such arguments beside what goes on here, where `make_beside` has
-        allowed it."""
+    def prepare(self, *args: Any) -> None:
+        """Begin to make the program of such arguments beside what goes on here, where this `makes_beside`."""
         if _beside:
-            self._made(arguments(), _beside[0].submit)
+            self._made(args, _beside[0].submit)
 
     def _made(self, args: Sequence, begin: Callable[..., Future] | None = None) -> Future[Callable[..., Any]]:
-        *arrays, layouts, groups = args
-        key = (layouts, *(x.shape for x in arrays), *(x.shape for x in jax.tree.leaves(groups)))
+        *arrays, layout, given = args
+        key = (layout, *(x.shape for x in arrays), *(x.shape for x in jax.tree.leaves(given)))
         if key not in self.programs:
-            shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (*arrays, groups))
-            self.programs[key] = (begin or _at_once)(float64(self._program), layouts, shapes)
+            shapes = jax.tree.map(lambda x: jax.ShapeDtypeStruct(x.shape, x.dtype), (*arrays, given))
+            self.programs[key] = (begin or _at_once)(float64(self._program), layout, shapes)
         return self.programs[key]
 
-    def _program(self, layouts: tuple, shapes: tuple) -> Callable[..., Any]:
+    def _program(self, layout: Any, shapes: tuple) -> Callable[..., Any]:
         options = _options(self.seldom, max(math.prod(x.shape) for x in jax.tree.leaves(shapes)))
 
         def program(*args):
-            return self.function(*args[:-1], layouts, args[-1])
+            return self.function(*args[:-1], layout, args[-1])
 
-        identity = f"{options} {layouts} {shapes}"
+        identity = f"{options} {layout} {shapes}"
         return kept.program(
             self.function, identity, lambda: _compiled(jax.jit(program).lower(*shapes), options)
         )

@@ -40,7 +40,7 @@ def beside():
 @precision.float64
 def test_a_program_is_made_beside_and_used(program, beside):
     x, groups = np.array([1.0, 2.0]), (np.array([1e-12, 1.0]),)
-    program.prepare(lambda: (x, ("up",), groups))
+    program.prepare(x, ("up",), groups)
     (begun,) = program.programs.values()
     np.testing.assert_array_equal(
         program(x, ("up",), groups), [1 + 1e-12, 3.0]
@@ -52,7 +52,7 @@ def test_a_program_is_made_beside_and_used(program, beside):
 
 @precision.float64
 def test_a_host_program_is_given_no_threads(program):
-    program.prepare(lambda: (np.ones(1), ("up",), (np.ones(1),)))
+    program.prepare(np.ones(1), ("up",), (np.ones(1),))
     assert not program.programs
 
 
@@ -68,7 +68,7 @@ def test_what_fails_beside_fails_where_it_is_used(beside):
         return jnp.linalg.solve(x, groups[0])
 
     made = precision.compiled(wrong)
-    made.prepare(lambda: (np.ones(2), (), (np.ones(3),)))  # not a matrix
+    made.prepare(np.ones(2), (), (np.ones(3),))  # not a matrix
     with pytest.raises((TypeError, ValueError)):
         made(np.ones(2), (), (np.ones(3),))
     precision._all.remove(made)

@@ -1,18 +1,17 @@
-"""The way down to a minimum: Levenberg-Marquardt as one compiled program, then single Gauss-Newton steps
-between noise estimates."""
+"""The way down to a minimum: Levenberg-Marquardt, then single Gauss-Newton steps between noise estimates."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from sysid.model.experiment import Residual
+from sysid.model.experiment import Groups, Residual
 from sysid.model.likelihood import linearised
+from sysid.model.prior import Prior
 from sysid.precision import seldom
+from sysid.trials.experiment import stacks
 
 SHORTEST = 1e-8  # a step that is not shortened any further
 # step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
@@ -23,89 +22,112 @@ LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any c
 STILL = 1e-3  # relative move of the noise, above which gains before and after a step do not compare
 
 
-class _Look(NamedTuple):
-    """The problem at one theta: half the sum of squares; for each log, group by group, J^T J and the gradient
-    along the directions, and the residual. The prior comes last, as a group of its own without a residual."""
+class Sums(NamedTuple):
+    """Half the sum of squares of all logs and of the prior, its gradient and J^T J along the directions."""
 
-    cost: Array
-    grams: tuple[Array, ...]
-    gradients: tuple[Array, ...]
-    found: tuple[Residual, ...]
+    cost: Any
+    gradient: Any
+    gram: Any
 
 
-class _Progress(NamedTuple):
-    """A search under way: the best point so far and what it looks like there, the point to look at next, the
-    step to it."""
+class Seen(NamedTuple):
+    """The problem at theta: its sums; of each group J^T J of each log (logs, d, d), and the residuals."""
 
-    theta: Array
-    look: _Look
-    next: Array
-    step: Array
-    trust: Any  # of the trust region: its radius, one over the damping
-    looks: Array
-    done: Array
+    theta: np.ndarray
+    sums: Sums
+    grams: list[np.ndarray]
+    found: list[Residual]
 
 
-@partial(jax.jit, static_argnames="layouts")  # traced once: for its shapes, and in the loop
-def _looked(theta, directions, mean, precision, layouts, groups) -> _Look:
-    def one(x, layout):
+@seldom
+def _looked(theta, directions, layout, x):
+    """J^T J and the gradient along the directions, and the residual, of each log of a stack of one layout. A
+    program for each layout is smaller than one for each set of layouts, and there are fewer of them."""
+
+    def one(x):
         found, change = linearised(theta, x, layout)
         jacobian = jax.vmap(change, in_axes=1)(directions)
         return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
 
-    parts = [
-        jax.vmap(lambda x, layout=layout: one(x, layout))(x)
-        for layout, x in zip(layouts, groups, strict=True)
-    ]
-    grams, gradients, found = zip(*parts, strict=True)
-    slope = precision @ (theta - mean)
-    cost = 0.5 * (jnp.stack([jnp.sum(jnp.abs(f.rows) ** 2) for f in found]).sum() + (theta - mean) @ slope)
-    held, pull = directions.T @ precision @ directions, directions.T @ slope
-    return _Look(cost, (*grams, held[None]), (*gradients, pull[None]), found)
-
-
-def _summed(look: _Look) -> Any:
-    """Cost, gradient and J^T J of all logs, as optimistix takes them."""
-    import lineax
-    import optimistix
-
-    gram, gradient = (jnp.concatenate(parts).sum(axis=0) for parts in (look.grams, look.gradients))
-    hessian = lineax.MatrixLinearOperator(gram, lineax.positive_semidefinite_tag)
-    return optimistix.FunctionInfo.EvalGradHessian(look.cost, gradient, hessian)
+    return jax.vmap(one)(x)
 
 
 @seldom
-def levenberg_marquardt(theta, directions, most, mean, precision, layouts, groups):
-    """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps; J^T J,
-    gradients and residuals there.
+def _stepped(_, given):
+    """Whether the last step is taken, the next one, and the radius of trust.
 
-    The damped Newton step and the trust region are those of optimistix. Its loop is not used: it evaluates
-    the plant in several places, and a program takes longer to compile and to load the more equations it has.
-    optimistix is imported only where a program is made: one that was kept on disk does not need it.
+    The damped Newton step and the trust region are those of optimistix, which is imported only where the
+    program is made: one that was kept on disk does not need it.
     """
+    import lineax
     import optimistix
 
+    def info(sums: Sums) -> Any:
+        hessian = lineax.MatrixLinearOperator(sums.gram, lineax.positive_semidefinite_tag)
+        return optimistix.FunctionInfo.EvalGradHessian(sums.cost, sums.gradient, hessian)
+
+    before, after, step, radius, first = given
     descent: Any = optimistix.DampedNewtonDescent()
     region: Any = optimistix.ClassicalTrustRegion()
+    rest = jnp.zeros_like(step)
+    trust = jax.tree.map(lambda _: radius, region.init(rest, info(before)))
+    radius, taken, *_ = region.step(first, rest, step, info(before), info(after), trust)
+    better = jax.tree.map(lambda a, b: jnp.where(taken, a, b), after, before)
+    step, _ = descent.step(radius, descent.query(rest, info(better), None))
+    return taken, step, radius
 
-    def body(s: _Progress) -> _Progress:
-        new = _looked(s.next, directions, mean, precision, layouts, groups)
-        fall, first = s.look.cost - new.cost, s.looks == 0
-        radius, taken, _, trust = region.step(first, rest, s.step, _summed(s.look), _summed(new), s.trust)
-        theta, look = jax.tree.map(lambda a, b: jnp.where(taken, a, b), (s.next, new), (s.theta, s.look))
-        step, _ = descent.step(radius, descent.query(rest, _summed(look), None))
-        size = jnp.max(jnp.abs(s.step))
-        still = taken & (size < ROUGH) & (fall < ROUGH * (1 + s.look.cost))
-        done = (~first & (still | (size < SHORTEST))) | ~jnp.all(jnp.isfinite(step))
-        return _Progress(theta, look, theta + directions @ step, step, trust, s.looks + 1, done)
 
-    shapes = jax.eval_shape(lambda: _looked(theta, directions, mean, precision, layouts, groups))
-    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-    rest = jnp.zeros(directions.shape[1])
-    trust = region.init(rest, _summed(blank))
-    begin = _Progress(theta, blank, theta, rest, trust, jnp.zeros((), int), jnp.zeros((), bool))
-    end = jax.lax.while_loop(lambda s: (s.looks <= most) & ~s.done, body, begin)
-    return end.theta, end.look.grams, end.look.gradients, end.look.found
+def prepare(groups: Groups, theta: np.ndarray, directions: np.ndarray) -> None:
+    """Begin to make the programs of a descent, where that goes on beside."""
+    for layout, x in groups:
+        for stack in stacks(x):
+            _looked.prepare(theta, directions, layout, stack)
+    d = directions.shape[1]
+    rest, none, nothing = np.zeros(d), np.zeros(()), np.zeros((d, d))
+    sums = Sums(none, rest, nothing)
+    _stepped.prepare((), (sums, sums, rest, np.ones(()), np.asarray(True)))
+
+
+def levenberg_marquardt(
+    groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int, prior: Prior
+) -> Seen:
+    """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps, and what
+    is seen there."""
+    now = _seen(groups, theta, directions, prior)
+    if not most:
+        return now
+    nothing = Sums(*(np.zeros_like(x) for x in now.sums))
+    best, step, radius = now._replace(sums=nothing), np.zeros(directions.shape[1]), np.ones(())
+    for looks in range(most + 1):
+        first, before, size = looks == 0, best.sums.cost, np.max(np.abs(step))
+        given = (best.sums, now.sums, step, radius, np.asarray(first))
+        taken, following, radius = (np.asarray(x) for x in _stepped((), given))
+        still = taken and size < ROUGH and before - now.sums.cost < ROUGH * (1 + before)
+        best = now if taken else best
+        if looks == most or (not first and (still or size < SHORTEST)) or not np.all(np.isfinite(following)):
+            break
+        step = following
+        now = _seen(groups, best.theta + directions @ step, directions, prior)
+    return best
+
+
+@np.errstate(over="ignore", invalid="ignore")  # a step that leads there is not taken
+def _seen(groups: Groups, theta: np.ndarray, directions: np.ndarray, prior: Prior) -> Seen:
+    """What is seen at theta."""
+    grams, gradients, found = [], [], []
+    for layout, x in groups:
+        parts = [_looked(theta, directions, layout, stack) for stack in stacks(x)]
+        gram, gradient, residual = jax.tree.map(lambda *each: np.concatenate(each), *parts)
+        grams.append(gram)
+        gradients.append(gradient)
+        found.append(residual)
+    squares = sum(float(np.sum(np.abs(f.rows) ** 2)) for f in found)
+    sums = Sums(
+        np.asarray(0.5 * squares + prior.cost(theta)),
+        np.concatenate(gradients).sum(axis=0) + directions.T @ prior.slope(theta),
+        np.concatenate(grams).sum(axis=0) + directions.T @ prior.precision @ directions,
+    )
+    return Seen(theta, sums, grams, found)
 
 
 @dataclass

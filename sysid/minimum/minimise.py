@@ -5,19 +5,19 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import jax
 import numpy as np
 
-from sysid.minimum.descent import DONE, GaussNewton, levenberg_marquardt
+from sysid.minimum.descent import DONE, GaussNewton, levenberg_marquardt, prepare
 from sysid.minimum.images import images
 from sysid.minimum.search import SEARCH_ROWS, Search
 from sysid.minimum.start import joint, local
-from sysid.model.experiment import Groups, Residual
+from sysid.model.experiment import Residual
 from sysid.model.plant import LOW_Q, Plant
 from sysid.model.prior import FLAT, Prior
 from sysid.model.theta import FINGER, NAMES, Theta
+from sysid.precision import makes_beside
 from sysid.trials import jitter
-from sysid.trials.experiment import group, split
+from sysid.trials.experiment import group
 from sysid.trials.perturbed import Course
 from sysid.trials.renew import update
 from sysid.trials.trial import Trial, freedom, numbers_taken, with_noise
@@ -176,10 +176,9 @@ class Minimiser:
     def _prepare(self, trials: tuple[Trial, ...]) -> None:
         """Start compiling the search while starting points are looked for, on the assumption that Q is not
         low."""
-        theta = np.zeros(len(NAMES))
-        levenberg_marquardt.prepare(
-            lambda: self._arguments(group(trials, self.reference)[0], theta, self._directions(theta), 0)
-        )
+        if makes_beside():
+            theta = np.zeros(len(NAMES))
+            prepare(group(trials, self.reference)[0], theta, self._directions(theta))
 
     def refine(
         self,
@@ -230,20 +229,18 @@ class Minimiser:
             first, far = (theta, most) if steps.next is None else (theta + steps.next, 0)
             if not unmoved:  # else what was seen stands
                 groups, members = group(trials, self.reference, low_q=low_q)
-                theta, grams, gradients, found = self._seen(groups, first, directions, far)
+                seen = levenberg_marquardt(groups, first, directions, far, self.prior)
+                theta = seen.theta
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
-            gradient, inverse = (
-                np.concatenate(gradients).sum(axis=0),
-                _invert(np.concatenate(grams).sum(axis=0)),
-            )
+            gradient, inverse = seen.sums.gradient, _invert(seen.sums.gram)
             left, newton = float(gradient @ inverse @ gradient), -inverse @ gradient
             whole = directions @ newton if left <= NEAR and np.max(np.abs(newton)) < SHORT else None
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
             courses = [Course.of(t, self.reference, theta) for t in trials]
-            trials, models, cost, moved = update(trials, members, found, courses, k, white)
+            trials, models, cost, moved = update(trials, members, seen.found, courses, k, white)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
             change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED
@@ -257,15 +254,15 @@ class Minimiser:
             trials = tuple(
                 replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True)
             )
-        # Padding stands behind each group's logs, and the prior behind the groups.
-        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(grams[:-1], members, strict=True)])
+        # Padding stands behind each group's logs.
+        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(seen.grams, members, strict=True)])
         freedom = np.concatenate(
             [x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)]
         )
         told = np.array([trials[i].noise.told for logs in members for i in logs])
         information = _informed(freedom, told[:, None, None] * held, inverse)
         alone, covariance = self._covariances(information, directions)
-        volume = _volume(found, members)
+        volume = _volume(seen.found, members)
         return State(
             theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior
         )
@@ -279,21 +276,12 @@ class Minimiser:
         held = directions.T @ self.prior.precision @ directions
         return alone, directions @ _invert(information + held) @ directions.T
 
-    def _seen(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> tuple:
-        """What `levenberg_marquardt` finds from theta, in numpy."""
-        return jax.tree.map(
-            np.asarray, levenberg_marquardt(*self._arguments(groups, theta, directions, most))
-        )
-
-    def _arguments(self, groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int) -> Sequence:
-        return theta, directions, np.asarray(most), *self.prior, *split(groups)
-
     def _unbounded(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool) -> State:
         """The state where the search began, for logs that do not bound tau: any tau far from it fits as
         well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
-        *_, found = self._seen(groups, theta, directions, 0)
+        found = levenberg_marquardt(groups, theta, directions, 0, self.prior).found
         courses = [Course.of(t, self.reference, theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)

@@ -16,11 +16,11 @@ import jax
 import numpy as np
 
 from sysid.minimum.minimise import State
-from sysid.model.experiment import Groups
+from sysid.model.experiment import Experiment, Groups, Layout
 from sysid.model.likelihood import density, residual
 from sysid.model.theta import NAMES
-from sysid.precision import compiled
-from sysid.trials.experiment import group, split
+from sysid.precision import compiled, makes_beside
+from sysid.trials.experiment import group, stacks
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
 # points at which the polynomial is compared; it is made from twice as many as it has coefficients
@@ -32,30 +32,26 @@ MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred 
 
 
 @compiled
-def _rows(thetas, layouts, groups):
-    """Whitened residual rows (n, logs, N) of each group, and volumes (n, logs), at the points `thetas` (n,
-    6)."""
-
-    def of(theta, x, layout):
-        found = residual(theta, x, layout)
-        return found.rows, found.volume
+def _rows(thetas, layout, x):
+    """Whitened residual rows (n, logs, N) of a stack of logs, and volumes (n, logs), at the points `thetas`
+    (n, 6)."""
 
     def one(theta):
-        return tuple(
-            jax.vmap(lambda x, y=y: of(theta, x, y))(g) for y, g in zip(layouts, groups, strict=True)
-        )
+        found = jax.vmap(lambda x: residual(theta, x, layout))(x)
+        return found.rows, found.volume
 
     return jax.vmap(one)(thetas)
 
 
 def prepare(state: State, reference: tuple[float, float]) -> None:
     """Start making the program of the density about a minimum in the background."""
-
-    def arguments() -> Sequence:
-        groups, _ = group(state.trials, reference, low_q=state.low_q)
-        return np.zeros((_batch(groups), len(NAMES))), *split(groups)
-
-    _rows.prepare(arguments)
+    if not makes_beside():
+        return
+    groups, _ = group(state.trials, reference, low_q=state.low_q)
+    thetas = np.zeros((_batch(groups), len(NAMES)))
+    for layout, x in groups:
+        for stack in stacks(x):
+            _rows.prepare(thetas, layout, stack)
 
 
 def _batch(groups: Groups) -> int:
@@ -145,14 +141,11 @@ class Density:
     def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
         """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts
         side by side; and volumes (n, logs)."""
-        layouts, arrays = split(groups)
         full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
         for part in full.reshape(-1, self.batch, full.shape[1]):
             if (begun := perf_counter()) > self.until:
                 raise TimeoutError
-            found = [
-                (np.asarray(rows).view(float), np.asarray(v)) for rows, v in _rows(part, layouts, arrays)
-            ]
+            found = [_of_group(part, layout, x) for layout, x in groups]
             self.pace = (
                 perf_counter() - begun
             ) / self.batch  # the last is right: the first also loads the program
@@ -160,6 +153,13 @@ class Density:
 
     def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:
         return _finite(density(squares, volumes, [x for _, x in self.groups], np))
+
+
+def _of_group(thetas: np.ndarray, layout: Layout, x: Experiment) -> tuple[np.ndarray, np.ndarray]:
+    """What `_rows` finds of all logs of a group, real and imaginary parts side by side."""
+    found = [_rows(thetas, layout, stack) for stack in stacks(x)]
+    rows, volumes = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
+    return rows.view(float), volumes
 
 
 def _finite(value: np.ndarray) -> np.ndarray:

@@ -1,7 +1,9 @@
 """From trials to the padded arrays of the likelihood, in groups of one layout."""
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
+import jax
 import numpy as np
 
 from sysid.model.experiment import Experiment, Groups, Layout
@@ -43,9 +45,13 @@ def group(
     return tuple(groups), members
 
 
-def split(groups: Groups) -> tuple[tuple[Layout, ...], tuple[Experiment, ...]]:
-    """The groups' layouts, which say what program they need, and what that is given."""
-    return tuple(layout for layout, _ in groups), tuple(x for _, x in groups)
+def stacks(x: Experiment) -> list[Experiment]:
+    """The logs of a group in stacks of 8, 4, 2 or 1, say: so that as few programs as possible serve any
+    number of logs."""
+    n, begins = len(x.response), [0]
+    while (left := n - begins[-1]) > 0:
+        begins.append(begins[-1] + (1 << left.bit_length() - 1))
+    return [jax.tree.map(lambda leaf, some=slice(a, b): leaf[some], x) for a, b in pairwise(begins)]
 
 
 def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
