@@ -79,3 +79,50 @@ def test_a_channel_that_is_clipped_is_named_with_its_sign(low, said):
 
 def test_the_article_goes_with_the_word():
     assert [with_article(x) for x in ("image", "second_mode")] == ["an image", "a second mode"]
+
+
+FOLDED = """\
+amplitude = "peak"
+quantity = "displacement"
+phase_sign = 1
+[columns]
+frequency = { column = "f", unit = "Hz" }
+voltage = { column = "u", unit = "V" }
+magnitude = { column = "a", unit = "um" }
+phase = { column = "p", unit = "deg" }
+"""
+
+
+def turned_by(angle, response):
+    response = response * np.exp(1j * angle)
+    return response, np.degrees(np.arctan(response.imag / response.real))
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5, 1.2, 2.5, -2.0])
+def test_a_phase_that_is_an_arctangent_is_carried_on(save, angle):
+    response, phase = turned_by(angle, SWEEP)
+    mapping = save(FOLDED, "map.toml")
+    content = table("f,u,a,p", (F, np.ones(len(F)), np.abs(response), phase))
+    (log,) = read_logs(save(content), mapping)
+    folds = np.ptp(np.degrees(np.unwrap(np.angle(response)))) > 90 and np.any(np.abs(np.diff(phase)) > 90)
+    assert any("its phase stays within 90 degrees" in said for said in log.warnings) == folds
+    ratio = log.response / response
+    np.testing.assert_allclose(ratio, ratio[0], atol=1e-6)  # but for the half turn, which no reading has
+    assert abs(ratio[0]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_narrow_resonance_between_two_rows_is_no_arctangent(save):
+    """Its phase jumps from one end of the half turn to the other as well, and must not be carried on."""
+    far = 1 / (1 + 2j * np.pi * 200 * TAU * (F - F0 - 0.5 * (F[1] - F[0])))
+    response = far * 1j  # as of a velocity: from 90 degrees to -90
+    content = table("f,u,a,p", (F, np.ones(len(F)), np.abs(response), np.degrees(np.angle(response))))
+    (log,) = read_logs(save(content), save(FOLDED, "map.toml"))
+    assert not any("its phase stays" in said for said in log.warnings)
+    ratio = log.response / response  # whatever a quantity is multiplied by
+    np.testing.assert_allclose(ratio, ratio[0], atol=1e-6)
+
+
+def test_a_phase_beside_an_amplitude_is_named_with_the_way_to_read_it(save):
+    content = table("frequency_Hz,w_um,phase_deg", (F, np.abs(SWEEP), np.degrees(np.angle(SWEEP))))
+    (log,) = read_logs(save(content))
+    assert any('magnitude = "w_um" and phase = "phase_deg"' in said for said in log.notes)

@@ -1,12 +1,15 @@
 """What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, readings
-of a sensor that was not ready, and one channel of two that was not recorded."""
+of a sensor that was not ready, one channel of two that was not recorded, and a phase that is one but for a
+half turn."""
 
 import dataclasses
+from collections.abc import MutableMapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sysid.logs.cells import listed
+from sysid.logs.plan import Plan
 from sysid.logs.textfile import LogError
 
 if TYPE_CHECKING:
@@ -19,6 +22,9 @@ FEW = 0.1  # of the rows, of which such readings are at most
 BESIDE = 7  # rows among whose readings the middle one is taken: three in succession may be wrong
 LEAST = 20  # rows in which this can be told
 SOME = 8  # rows in which a channel that is 0 throughout was not recorded
+QUARTER = 0.5 * np.pi  # rad
+ROUNDED = 1e-3  # rad, of phases in degrees of one decimal
+THERE = 0.1  # of the largest response: of less a phase may be noise
 
 
 def doubted(log: "Log", celsius: bool = True) -> "Log":
@@ -26,6 +32,30 @@ def doubted(log: "Log", celsius: bool = True) -> "Log":
     temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin or one channel of its response
     was not recorded. Raises LogError where that is one of a sweep."""
     return _kelvin(_recorded(_ready(log)), celsius)
+
+
+def unfolded(name: str, plan: Plan, arrays: MutableMapping[str, tuple[np.ndarray, str]]) -> Plan:
+    """The plan of the log of that name, with a warning where the phase (n,) rad among the arrays is one but
+    for a half turn, as the arctangent of Wq/Wd has it; it is then carried on from row to row.
+
+    Such a phase stays within a quarter turn of zero and jumps from one end to the other. One of the whole
+    turn may jump so over a sweep, across a narrow resonance, but is then at both ends, and nowhere between.
+    """
+    if not {"phase", "magnitude"} <= arrays.keys():
+        return plan
+    (phase, unit), size = arrays["phase"], arrays["magnitude"][0]
+    there = size > THERE * np.max(size, initial=0.0)
+    jumps = (np.abs(np.diff(phase)) > QUARTER) & there[1:] & there[:-1]
+    swept = "frequency" in arrays and np.ptp(arrays["frequency"][0]) > 0
+    between = there & (np.abs(phase) < 0.5 * QUARTER) if swept else there
+    if not (jumps.any() and between.any()) or np.max(np.abs(phase)) > QUARTER + ROUNDED:
+        return plan
+    arrays["phase"] = 0.5 * np.unwrap(2 * phase), unit
+    said = (
+        f"{name}: its phase stays within 90 degrees of zero and jumps by 180, {int(jumps.sum())} times, as"
+        " that of atan(q/d) does: carried on from row to row; compute it by atan2(q, d), or record d and q"
+    )
+    return dataclasses.replace(plan, warnings=(*plan.warnings, said))
 
 
 def _kelvin(log: "Log", celsius: bool) -> "Log":

@@ -16,6 +16,7 @@ from sysid.logs.csvfile import Head, LogError
 from sysid.logs.densities import amplitude_of
 from sysid.logs.found import completed, with_preset
 from sysid.logs.labels import INPUTS as CALLED
+from sysid.logs.labels import parse
 from sysid.logs.mapping import MappingFile
 from sysid.logs.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
 from sysid.logs.plan import Plan, Source, is_absent, is_decibel
@@ -181,7 +182,7 @@ def contract_plan(head: Head) -> Plan:
         _check_waveform(head, sources, unknown)
     else:
         _check_understood(head, sources, unknown)
-    notes += _kept_out(head, [label for label in unknown if label], "time" in sources)
+    notes += _kept_out(head, [label for label in unknown if label], sources)
     notes += [
         f"column {sources[name].label} is read as standard errors of the response"
         for name in ERRORS
@@ -296,14 +297,21 @@ def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str,
     return (f"{head.name}: found no time, and {found}, taken as settled points; {way}",)
 
 
-def _kept_out(head: Head, labels: list[str], timed: bool) -> list[str]:
+def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> list[str]:
     """A note on each column that is not read; one on all of them where there are many."""
     if len(labels) > SHOWN:
         return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
-    return [
-        f"column {label} is kept out of the fit{'' if timed else _why_no_time(head, label)}"
-        for label in labels
-    ]
+    each = []
+    for label in labels:
+        why = "" if "time" in sources else _why_no_time(head, label)
+        if "w" in sources and parse(label).part == "phase":
+            magnitude = sources["w"].label
+            why = (
+                f": with {magnitude} it tells d and q, which a mapping file (--columns) of"
+                f' magnitude = "{magnitude}" and phase = "{label}" reads'
+            )
+        each.append(f"column {label} is kept out of the fit{why}")
+    return each
 
 
 def _why_no_time(head: Head, label: str) -> str:

@@ -15,7 +15,7 @@ from sysid.logs.copies import once
 from sysid.logs.csvbody import Body, read_body
 from sysid.logs.csvfile import Head, LogError, called
 from sysid.logs.densities import amplitude_of
-from sysid.logs.doubts import doubted
+from sysid.logs.doubts import doubted, unfolded
 from sysid.logs.filled import Arrays, filled, without_direct
 from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
@@ -109,7 +109,7 @@ def log_of(
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
     plan, rows, arrays = _kept(head, body, plan, rows, arrays, kind)
     count = len(next(iter(arrays.values()))[0])
-    plan = timed(head, body, plan, rows, arrays, kind)
+    plan = unfolded(name, timed(head, body, plan, rows, arrays, kind), arrays)
     _refuse_impossible(head, body, plan, rows, arrays)
     digit = _temperature_digit(head, plan.sources["temperature"], body) if "temperature" in arrays else 0.0
     inputs = {key: _internal(key, *arrays.pop(key)) for key in INPUTS if key in arrays}
