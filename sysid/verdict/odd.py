@@ -6,6 +6,7 @@ beside what they gain as two. That asks for less than an effect that would expla
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from sysid.trials.trial import Trial
 from sysid.verdict.between import OFF, elsewhere, finger, own, times, warmer
 from sysid.verdict.finding import Finding
 from sysid.verdict.linear import PROMISES
-from sysid.verdict.misfit import described
+from sysid.verdict.misfit import described, misfits
 from sysid.verdict.recorder import clipped, touched
 
 APART = 5.0  # standard deviations by which logs have to contradict the others: once in a million
@@ -32,11 +33,11 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
     next to nothing is left beside what they differ by; all, where each is described by itself; else None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
-    each = [minimiser.minima((t,))[0] for t in trials] if len(trials) > 2 else []
+    each = [_alone(minimiser, (t,)) for t in trials] if len(trials) > 2 else []
     told = _told(minimiser, each, together) if each else {}
     for odd in _splits(trials, together, told):
         parts = [[k for k in range(len(trials)) if (k in odd) is own] for own in (True, False)]
-        alone, rest = (minimiser.minima(tuple(trials[k] for k in part))[0] for part in parts)
+        alone, rest = (_alone(minimiser, tuple(trials[k] for k in part)) for part in parts)
         beside = PROMISES * (alone.likelihood + rest.likelihood - together.likelihood)
         found = _contradiction(minimiser, trials, odd, alone, rest)
         if found and all(described(minimiser, part, beside) for part in (alone, rest)):
@@ -48,6 +49,14 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
     ):
         return _found(trials, said)
     return None
+
+
+def _alone(minimiser: Minimiser, trials: tuple[Trial, ...]) -> State:
+    """What these logs say by themselves, whose errors span what they may hold and do not show, as a delay of
+    a lone step."""
+    state = minimiser.minima(trials)[0]
+    hints = misfits(state, minimiser.reference, minimiser.free, None).average(state, minimiser.reference)
+    return replace(state, dispersion=hints.covariance)
 
 
 def _found(trials: Sequence[Trial], said: str) -> Finding:
@@ -159,5 +168,5 @@ def _apart(alone: State, rest: State, name: str, warm: float) -> tuple[float, fl
     """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of
     that."""
     row = carried(warm)[DIFFER.index(name)]
-    value, variance = row @ (alone.theta - rest.theta), row @ (alone.covariance + rest.covariance) @ row
+    value, variance = row @ (alone.theta - rest.theta), row @ (alone.spread + rest.spread) @ row
     return float(value), float(np.sqrt(variance)) if 0 < variance < np.inf else UNKNOWN
