@@ -187,7 +187,7 @@ def throughput(plates: int = 256, repeat: int = 5) -> str:
     lines = [_turns(rows, pair, plates, repeat) for rows, pair in LAYOUTS]
     return "\n".join(
         [
-            "Templates made before (20 to 40 ms for each cell of plates that are nearly alike, once for each process)."
+            "Templates made before (once for each process, for each cell of plates that are nearly alike)."
             f" {plates} plates.\n",
             "| rows | scipy | fit and screen | with the table's rows | with those passed on | scipy over fit and"
             " screen | over rows | over all |",
@@ -236,7 +236,7 @@ def _solved(some: Sequence[Group]) -> float:
             batch = lane.fit_together(plates[k : k + size])
             cells = lane.cells_of(key, plates[0][1])
             lefts = [residual(log, batch.step) for log in batch.logs]
-            screened(batch, lefts, cells).closer(batch, lefts, cells)
+            screened(batch, lefts, cells)
         taken += time.perf_counter() - begun
     return taken
 

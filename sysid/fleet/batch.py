@@ -31,11 +31,21 @@ SHARE = 0.9  # of a log's degrees of freedom that the plant takes at most, as in
 
 
 class Seen(NamedTuple):
-    """A look at one log: the products (P, m, m) of its columns, and the `rows` (P, 5, m) of `look`."""
+    """A look at one log: the `rows` (P, 5, m) of `look`, and the products of these (P, 5, 5), of them with
+    the bench's columns, (P, K, 5), and of those, (P, K, K)."""
 
     block: Block
-    products: np.ndarray
     rows: np.ndarray
+    plant: np.ndarray
+    across: np.ndarray
+    bench: np.ndarray
+
+    @classmethod
+    def of(cls, block: Block, products: np.ndarray, rows: np.ndarray) -> "Seen":
+        """By the products (P, m, m) of the log's columns."""
+        felt = products @ rows.swapaxes(1, 2)
+        k = block.bench
+        return cls(block, rows, rows.conj() @ felt, felt[:, k], products[:, k, k])
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +58,7 @@ class Reduced:
     block: Block
     rows: np.ndarray = field(repr=False)  # (P, 5, m) as `look` gives them
     inverse: np.ndarray = field(repr=False)  # (P, K, K) of the bench's information times sigma^2
-    pull: np.ndarray = field(repr=False)  # (P, K, m) by which the bench's numbers follow the columns
+    pull: np.ndarray = field(repr=False)  # (P, K, 5) by which the bench's numbers follow the rows
     whole: np.ndarray = field(repr=False)  # (P, 5, 5) products of the rows, the bench eliminated
     std: np.ndarray = field(repr=False)
     prior: np.ndarray = field(repr=False)  # (P, K) of the bench's numbers
@@ -59,38 +69,28 @@ class Reduced:
     follow: np.ndarray = field(repr=False)
 
     @classmethod
-    def of(
-        cls,
-        seen: "Seen",
-        std: np.ndarray,
-        prior: np.ndarray,
-        gain: np.ndarray,
-        kept: Sequence[int] | None = None,
-    ) -> "Reduced":
-        """With noise `std` (P,) and these priors; `kept`: of the bench's numbers those that are there
-        (all)."""
-        block, products, rows = seen
-        index = np.arange(*block.bench.indices(99)) if kept is None else block.bench.start + np.asarray(kept)
-        prior = prior if kept is None else prior[:, kept]
-        inner = products[:, index[:, None], index]
-        diagonal = np.arange(len(index))
+    def of(cls, seen: "Seen", std: np.ndarray, prior: np.ndarray, gain: np.ndarray) -> "Reduced":
+        """With noise `std` (P,) and these priors."""
+        inner = seen.bench.copy()
+        diagonal = np.arange(inner.shape[1])
         inner[:, diagonal, diagonal] += (std[:, None] / prior) ** 2
         inverse = np.linalg.inv(inner)
-        pull = inverse @ products[:, index]
-        outer = products - products[:, :, index] @ pull
-        whole = (rows.conj() @ outer @ rows.swapaxes(1, 2)).real
-        turned = np.maximum(whole[:, 3, 3], 1e-300)
-        rest = whole - whole[:, :, 3:4] * whole[:, 3:4] / turned[:, None, None]
-        square = (std**2)[:, None]
-        both = np.concatenate([rest[:, :3, :3], rest[:, :3, 4:]], axis=2) / square[:, :, None]
-        own = both[:, 0]  # (P, 4) of the gain, with the plant and with what is left
-        variance = gain**2 / (1 + gain**2 * own[:, 0])
-        follow = variance[:, None] * own
-        both = both - own[:, :3, None] * follow[:, None]
-        left = np.maximum(rest[:, 4, 4] - std**2 * follow[:, 3] * own[:, 3], 0.0)
-        follow = follow * (-1, -1, -1, 1)
+        pull = inverse @ seen.across
+        whole = (seen.plant - seen.across.conj().swapaxes(1, 2) @ pull).real
+        both, follow, left = _of_plant(whole, std, gain)
         information, slope = both[:, :, :3], both[:, :, 3]
-        return cls(block, rows, inverse, pull, whole, std, prior, information, slope, left, gain, follow)
+        return cls(
+            seen.block, seen.rows, inverse, pull, whole, std, prior, information, slope, left, gain, follow
+        )
+
+    def without(self, name: str) -> np.ndarray:
+        """(P, 3, 3) the information without that number of the bench, if there is one."""
+        if name not in self.block.names:
+            return self.information
+        k = self.block.names.index(name)
+        its, own = self.pull[:, k], self.inverse[:, k, k].real
+        added = (its.conj()[:, :, None] * its[:, None]).real / own[:, None, None]
+        return _of_plant(self.whole + added, self.std, self.gain)[0][:, :, :3]
 
     @property
     def freedom(self) -> np.ndarray:
@@ -114,7 +114,8 @@ class Reduced:
 
     def values(self, step: np.ndarray) -> np.ndarray:
         """(P, K) the bench's numbers after the step."""
-        return (self.pull @ self.along(step)[:, :, None])[:, :, 0]
+        full = self.full(step)
+        return self.pull[:, :, 4] - np.sum(self.pull[:, :, :4] * full[:, None], axis=2)
 
     def noise(self, step: np.ndarray, values: np.ndarray) -> np.ndarray:
         """(P,) level per channel after the step."""
@@ -129,7 +130,7 @@ class Reduced:
         of that covariance (P, 3, 3); of a log without a gain of its own."""
         a, square = self.whole, self.std**2
         turn = -a[:, 3, :3] / np.maximum(a[:, 3, 3], 1e-300)[:, None]  # that goes with the plant
-        moves = (form[:, None] @ self.pull @ self.rows[:, :4].swapaxes(1, 2))[:, 0]  # (P, 4)
+        moves = (form[:, None] @ self.pull[:, :, :4])[:, 0]  # (P, 4)
         by_plant = moves[:, :3] + moves[:, 3:] * turn
         own = (form[:, None] @ self.inverse @ form.conj()[:, :, None]).real[:, 0, 0] * square
         plant = np.einsum("pi,pij,pj->p", by_plant, covariance, by_plant.conj()).real
@@ -169,6 +170,22 @@ def solved(information: np.ndarray) -> np.ndarray:
     size = np.sqrt(np.maximum(np.einsum("pii->pi", information), 1e-300))
     both = size[:, :, None] * size[:, None]
     return np.linalg.inv(information / both + 1e-13 * np.eye(information.shape[1])) / both
+
+
+def _of_plant(
+    whole: np.ndarray, std: np.ndarray, gain: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """By the products `whole` (P, 5, 5) of a log's rows those of the plant with itself and with what is left,
+    (P, 3, 4), in its noise, the rotation and the log's own gain eliminated; that gain's `Reduced.follow`; and
+    the sum of squares that is left."""
+    turned = np.maximum(whole[:, 3, 3], 1e-300)
+    rest = whole - whole[:, :, 3:4] * (whole[:, 3:4] / turned[:, None, None])
+    both = rest[:, :3, [0, 1, 2, 4]] / (std**2)[:, None, None]
+    own = both[:, 0]  # (P, 4) of the gain, with the plant and with what is left
+    follow = (gain**2 / (1 + gain**2 * own[:, 0]))[:, None] * own
+    both = both - own[:, :3, None] * follow[:, None]
+    left = np.maximum(rest[:, 4, 4] - std**2 * follow[:, 3] * own[:, 3], 0.0)
+    return both, follow * (-1, -1, -1, 1), left
 
 
 def _sum(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -212,13 +229,13 @@ class _Going:
     def seen(self, blocks: Sequence[Block], first: bool) -> list[Seen]:
         """Each log here; at the `first` look the rotations are found."""
         rows = [b.look(self.theta, t, v) for b, t, v in zip(blocks, self.turns, self.values, strict=True)]
-        products = [np.asarray(gram(b.columns)) for b in blocks]
+        products = [gram(b) for b in blocks]
         if first:
             self.turns = [_turned(b, m) for b, m in zip(blocks, products, strict=True)]
             for row, turn in zip(rows, self.turns, strict=True):  # with which only the response goes as yet
                 row[:, :4] *= turn[:, None, None]
                 row[:, 4, 0] *= turn
-        return [Seen(*each) for each in zip(blocks, products, rows, strict=True)]
+        return [Seen.of(*each) for each in zip(blocks, products, rows, strict=True)]
 
     def follow(self, logs: Sequence[Reduced], step: np.ndarray, which: np.ndarray) -> None:
         """The step of these plates."""
@@ -250,15 +267,15 @@ def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
         left = _left(logs, step)
         if np.any(near := (left < NEAR) & ~going.narrowed):
             going.narrowed = going.narrowed | near
-            if np.any(near & hangs(logs, seen, covariance, "late")):
-                _tighten(going, logs, seen, covariance, step, near)
+            if np.any(near & (hung := hangs(logs, covariance, "late"))):
+                _tighten(going, logs, covariance, step, near & hung)
                 logs, covariance, step, moved = _settled(seen, going)
                 left = _left(logs, step)
         done = going.narrowed & (left < LEFT) & (moved < MOVED) & np.all(np.isfinite(step), axis=1)
         if np.all(done) or look == LOOKS - 1:
             break
         going.follow(logs, step, ~done)
-    late, start = (hangs(logs, seen, covariance, name) for name in ("late", "start"))
+    late, start = (hangs(logs, covariance, name) for name in ("late", "start"))
     return Batch(
         tuple(blocks),
         going.theta + _short(step, going.theta),
@@ -312,17 +329,12 @@ def _short(step: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return step / np.maximum(size, 1.0)[:, None]
 
 
-def hangs(logs: Sequence[Reduced], given: Sequence[Seen], covariance: np.ndarray, name: str) -> np.ndarray:
+def hangs(logs: Sequence[Reduced], covariance: np.ndarray, name: str) -> np.ndarray:
     """(P,) whether the error of G is that of the bench's "late" or "start" (`coincidence.hangs_on`)."""
-    without = [
-        Reduced.of(g, x.std, x.prior, x.gain, [k for k, n in enumerate(x.block.names) if n != name])
-        if name in x.block.names
-        else x
-        for x, g in zip(logs, given, strict=True)
-    ]
-    if all(a is b for a, b in zip(logs, without, strict=True)):
+    if not any(name in x.block.names for x in logs):
         return np.zeros(len(covariance), bool)
-    return solved(_sum([x.information for x in without]))[:, 0, 0] < MOSTLY**2 * covariance[:, 0, 0]
+    without = solved(_sum([x.without(name) for x in logs]))
+    return without[:, 0, 0] < MOSTLY**2 * covariance[:, 0, 0]
 
 
 def both(log: Reduced, theta: np.ndarray, turn: np.ndarray, values: np.ndarray, covariance: np.ndarray):
@@ -350,13 +362,11 @@ def sized(left: np.ndarray, error: np.ndarray) -> np.ndarray:
 def _tighten(
     going: _Going,
     logs: Sequence[Reduced],
-    seen: Sequence[Seen],
     covariance: np.ndarray,
     step: np.ndarray,
-    which: np.ndarray,
+    hung: np.ndarray,
 ) -> None:
-    """Give these plates the narrower priors of `coincidence.tightened` where their G hangs on a lateness."""
-    hung = which & hangs(logs, seen, covariance, "late")
+    """Give these plates, whose G hangs on a lateness, the narrower priors of `coincidence.tightened`."""
     going.tight = going.tight | hung
     for i, (x, turn) in enumerate(zip(logs, going.turns, strict=True)):
         if not x.block.swept:

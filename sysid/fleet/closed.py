@@ -6,6 +6,10 @@ of it only the Gram matrix (P, m, m) and, in terms of these columns, the derivat
 the rotation, and the residual: `look` gives these as rows (P, 5, m) of coefficients. The plant is that of the
 single fit (`model.plant`).
 
+The columns are sums of a few, the `basis` (P, b, n), of which the first `moving` change with the plant and
+the last is what was recorded. A matrix (P, b, m) of `mixes` says which, for each of the `parts` of the rows;
+None where the basis is the columns. `still`: products of what does not change, part by part.
+
 Both kinds have: `names` of the numbers that the bench adds, whose columns are at `bench`, and their `prior`
 (P, K); `scale` (P,) largest response; `freedom`; `order` (n,) in which rows are neighbours, and their
 `clock`; `rest` s before the step; `middle` (P,) Hz, from which a detuning is counted. `timed`: it is stated
@@ -30,7 +34,8 @@ class Step:
     """A transient at one frequency: rest, then one level of the drive.
 
     `time` (n,) s; `row`: from whose time on the drive acts, so that later rows show it; `drive` (P,) V,
-    `frequency` (P,) Hz, `response` (P, n). Columns: forced, by the pole, free, rate, one, driven, recorded.
+    `frequency` (P,) Hz, `response` (P, n). Columns: forced, by the pole, free, rate, one, driven, recorded;
+    sums, before the drive acts and behind, of exp(p t), t exp(p t), one and recorded.
     """
 
     time: np.ndarray
@@ -42,6 +47,7 @@ class Step:
 
     names = ("start", "late", "offset", "feedthrough")  # of the columns that the bench adds, at `bench`
     bench = slice(2, 6)
+    moving = 2
     swept = False
 
     def __post_init__(self) -> None:
@@ -58,20 +64,25 @@ class Step:
         lateness = np.hypot(0.0 if self.timed else self.spacing, 1 / (TWO_PI * self.frequency))
         self.prior = np.stack([loose, lateness, loose, loose], axis=1)
         self.freedom = 2 * n - 2 * len(self.names) - 1
-        columns = np.zeros((plates, 7, n), complex)
-        columns[:, 4], columns[:, 6] = 1, self.response
-        columns[:, 5, self.first :] = np.sign(self.drive)[:, None]
-        self.columns: Rows = there(columns)
+        basis = np.empty((plates, 4, n), complex)
+        basis[:, 2], basis[:, 3] = 1, self.response
+        self.basis: Rows = there(basis)
+        self.parts = (slice(0, self.first), slice(self.first, n))
+        self.still = [_products(np, basis[:, 2:, part], basis[:, 2:, part]) for part in self.parts]
+        self.mixes = [np.zeros((plates, 4, 7), complex) for _ in self.parts]
+        for mix in self.mixes:
+            mix[:, 2, 4] = mix[:, 3, 6] = 1
+        self.mixes[1][:, 2, 5] = np.sign(self.drive)
 
     def noise(self) -> np.ndarray:
         """(P,) level of white noise per channel, by second differences away from the step."""
         away = np.abs(np.arange(len(self.time) - 2) - self.row) > 2
-        return np.sqrt(np.asarray(_scatter(self.columns, np.flatnonzero(away), order=2)) / 12)
+        return np.sqrt(np.asarray(_scatter(self.basis, np.flatnonzero(away), order=2)) / 12)
 
     def start(self) -> np.ndarray:
         """(P, 3) log G, log tau, f0 from the data: behind the step y(t) - y(0) = p int y + c t + d, p the
         slow pole, linear in p, c and d."""
-        found = np.asarray(_decaying(self.columns, self.since, first=self.first))
+        found = np.asarray(_decaying(self.basis, self.since, first=self.first))
         pole = found[:, 0]
         falls = pole.real < 0
         tau = np.where(falls, -1 / np.where(falls, pole.real, 1.0), 0.25 * self.since[-1])
@@ -87,10 +98,17 @@ class Step:
         tau, omega = np.exp(theta[:, 1]), TWO_PI * self.frequency
         s = poles(tau, TWO_PI * (theta[:, 2] - self.frequency), omega, xp=np)
         p, push = s.slow, np.exp(theta[:, 0]) * self.drive * s.gain
-        numbers = np.stack([p, push, push / s.fast, value[:, 0] / turn, value[:, 1] / turn])
-        self.columns = _driven(
-            self.columns, numbers, self.elapsed, self.since, self.spacing, row=self.row, even=self.even
+        start, late, target = value[:, 0] / turn, value[:, 1] / turn, push / p
+        self.basis = _growing(
+            self.basis, p, self.elapsed, self.since, self.spacing, row=self.row, even=self.even
         )
+        begun = np.exp(p * self.elapsed[self.row])
+        before, behind = self.mixes
+        before[:, 1, 1], before[:, 0, 2] = start, 1
+        behind[:, 0, 0], behind[:, 2, 0] = target, push / s.fast - target
+        behind[:, 1, 1] = push * (1 / p + late) + start * begun  # of forced + late rate + start free
+        behind[:, 0, 1], behind[:, 2, 1] = start * begun * self.elapsed[self.row] - target / p, target / p
+        behind[:, 0, 2], behind[:, 0, 3] = begun, push
         rows = np.zeros((len(p), 5, 7), complex)
         rows[:, 0, 0], rows[:, 0, 3] = turn, value[:, 1]
         rows[:, 1, 1], rows[:, 1, 0], rows[:, 1, 3] = turn / tau, -turn, -value[:, 1]
@@ -111,6 +129,7 @@ class Sweep:
 
     names = ("feedthrough", "slope")
     bench = slice(3, 5)
+    moving = 3
     swept = True
 
     def __post_init__(self) -> None:
@@ -123,30 +142,32 @@ class Sweep:
         self.prior = np.repeat(LOOSE * self.scale[:, None], 2, axis=1)
         self.freedom = 2 * n - 2 * len(self.names) - 1
         sign = np.sign(self.drive)[:, None]
-        columns = np.zeros((plates, 6, n), complex)
-        columns[:, 3], columns[:, 4] = sign, sign * away / np.max(np.abs(away))
-        columns[:, 5] = self.response
-        self.columns: Rows = there(columns)
+        basis = np.zeros((plates, 6, n), complex)
+        basis[:, 3], basis[:, 4] = sign, sign * away / np.max(np.abs(away))
+        basis[:, 5] = self.response
+        self.basis: Rows = there(basis)
+        self.parts, self.mixes = (slice(0, n),), (None,)
+        self.still = [_products(np, basis[:, 3:], basis[:, 3:])]
 
     def noise(self) -> np.ndarray:
         """(P,) level of white noise per channel, by third differences."""
-        return np.sqrt(np.asarray(_scatter(self.columns, self.order, order=3)) / 40)
+        return np.sqrt(np.asarray(_scatter(self.basis, self.order, order=3)) / 40)
 
     def start(self) -> np.ndarray:
         """(P, 3) log G, log tau, f0 from the data: y = (A + B u + C u^2)/(u - p) over the scaled frequency u,
         linear in p, A, B and C with the weights of the last pole."""
         centre, half = np.mean(self.points), 0.5 * np.ptp(self.points)
-        pole = np.asarray(_peaked(self.columns, (self.points - centre) / half))
+        pole = np.asarray(_peaked(self.basis, (self.points - centre) / half))
         tau = 1 / (TWO_PI * half * np.maximum(np.abs(pole.imag), 1e-6))
         theta = np.stack([np.zeros(len(tau)), np.log(tau), centre + half * pole.real], axis=1)
         self.look(theta, np.ones(len(tau), complex), np.zeros((len(tau), 2)))
-        gain = np.asarray(_gain(self.columns))
+        gain = np.asarray(_gain(self.basis))
         theta[:, 0] = np.log(np.maximum(np.abs(gain), 1e-300))
         return theta
 
     def look(self, theta: np.ndarray, turn: np.ndarray, value: np.ndarray) -> np.ndarray:
         """As that of `Step`; the bench's columns are the same at every plate."""
-        self.columns = _settled(self.columns, theta, self.drive, self.points)
+        self.basis = _settled(self.basis, theta, self.drive, self.points)
         rows = np.zeros((len(theta), 5, 6), complex)
         for k in range(3):
             rows[:, k, k] = turn
@@ -157,37 +178,78 @@ class Sweep:
 Block = Step | Sweep
 
 
-@on_rows()
-def gram(xp: Any, columns: Rows) -> Rows:
-    """(P, m, m) products of columns (P, m, n)."""
-    return columns.conj() @ columns.swapaxes(1, 2)
+def gram(block: Block) -> np.ndarray:
+    """(P, m, m) products of a log's columns."""
+    found = []
+    for part, still, mix in zip(block.parts, block.still, block.mixes, strict=True):
+        new = np.asarray(_moving(block.basis, begin=part.start, end=part.stop, moving=block.moving))
+        back = new[:, :, block.moving :].conj().swapaxes(1, 2)
+        whole = np.concatenate([new, np.concatenate([back, still], axis=2)], axis=1)
+        found.append(whole if mix is None else mix.conj().swapaxes(1, 2) @ (whole @ mix))
+    return sum(found[1:], found[0])
+
+
+def made(block: Block, coefficients: np.ndarray) -> np.ndarray:
+    """(P, n) the sum of a log's columns with these coefficients (P, m)."""
+    found = []
+    for part, mix in zip(block.parts, block.mixes, strict=True):
+        each = coefficients if mix is None else (mix @ coefficients[:, :, None])[:, :, 0]
+        found.append(np.asarray(_made(block.basis, each, begin=part.start, end=part.stop)))
+    return found[0] if len(found) == 1 else np.concatenate(found, axis=1)
+
+
+def column(block: Block, k: int) -> np.ndarray:
+    """(P, n) the k-th of a log's columns."""
+    return made(block, np.tile(np.eye(block.bench.stop + 1, dtype=complex)[k], (len(block.drive), 1)))
+
+
+@on_rows("begin", "end", "moving")
+def _moving(xp: Any, basis: Rows, *, begin: int, end: int, moving: int) -> Rows:
+    return _products(xp, basis[:, :moving, begin:end], basis[:, :, begin:end])
+
+
+def _products(xp: Any, a: Rows, b: Rows) -> Rows:
+    """(P, i, j) of rows (P, i, n) and (P, j, n)."""
+    return a.conj() @ b.swapaxes(1, 2)
+
+
+@on_rows("begin", "end")
+def _made(xp: Any, basis: Rows, each: np.ndarray, *, begin: int, end: int) -> Rows:
+    return (each[:, None] @ basis[:, :, begin:end])[:, 0]
 
 
 @on_rows("order")
-def _scatter(xp: Any, columns: Rows, rows: np.ndarray, *, order: int) -> Rows:
+def _scatter(xp: Any, basis: Rows, rows: np.ndarray, *, order: int) -> Rows:
     """(P,) mean square of differences of what was recorded: of second ones at these rows, else of third ones
     of the rows in this order."""
-    y = columns[:, -1]
+    y = basis[:, -1]
     found = xp.diff(y, 2, axis=1)[:, rows] if order == 2 else xp.diff(y[:, rows], 3, axis=1)
-    return xp.mean(xp.abs(found) ** 2, axis=1)
+    return xp.mean(found.real**2 + found.imag**2, axis=1)
 
 
 @on_rows("first")
-def _decaying(xp: Any, columns: Rows, since: np.ndarray, *, first: int) -> Rows:
-    """(P, 3) p, c and d of `Step.start`."""
-    recorded = columns[:, -1]
+def _decaying(xp: Any, basis: Rows, since: np.ndarray, *, first: int) -> Rows:
+    """(P, 2) p and c of `Step.start`."""
+    recorded = basis[:, -1]
     y = recorded[:, first:] - xp.mean(recorded[:, :first], axis=1, keepdims=True)
     step = xp.concatenate([0 * since[:1], since[1:] - since[:-1]])
     area = xp.cumsum(0.5 * step * (y + xp.concatenate([y[:, :1], y[:, :-1]], axis=1)), axis=1)
-    shapes = xp.stack([area, xp.broadcast_to(since, y.shape) + 0j, xp.ones_like(y)], axis=1)
-    return _least_squares(xp, shapes, y)
+    line, _ = xp.linalg.qr(xp.stack([since / since[-1], xp.ones_like(since)], axis=1))  # of c and d
+    both = xp.stack([area, y], axis=1)
+    straight = both @ (line + 0j)
+    bent, rest = (both - straight @ line.T).swapaxes(0, 1)
+    size = xp.maximum(xp.sum(xp.abs(bent) ** 2, axis=1), 1e-300)
+    pole = xp.sum(bent.conj() * rest, axis=1) / size
+    left = straight[:, 1] - pole[:, None] * straight[:, 0]  # in terms of the line's columns
+    ends = left @ (line[-1] - line[0])
+    return xp.stack([pole, ends / (since[-1] - since[0])], axis=1)
 
 
 @on_rows("row", "even")
-def _driven(
+def _growing(
     xp: Any,
-    columns: Rows,
-    numbers: np.ndarray,
+    basis: Rows,
+    pole: np.ndarray,
     elapsed: np.ndarray,
     since: np.ndarray,
     spacing: float,
@@ -195,20 +257,12 @@ def _driven(
     row: int,
     even: bool,
 ) -> Rows:
-    """The columns of a step; `numbers` (5, P): the slow pole, what pushes it, what the fast one settles at,
-    start and lateness in the plate's frame."""
-    p, push, fast, start, late = numbers
+    """The basis of a step with exp(p t) and t exp(p t), t since the first row and, behind `row`, since the
+    drive acts."""
     k = row + 1
-    grown, before = _powers(xp, p, elapsed[:k], since, spacing, even)
-    target = (push / p)[:, None]
-    columns = put(columns, np.s_[:, 2, :k], before)
-    columns = put(columns, np.s_[:, 2, k:], grown * xp.exp(p * elapsed[row])[:, None])
-    rate, slow = push[:, None] * grown, target * grown - target
-    columns = put(columns, np.s_[:, 3, k:], rate)
-    columns = put(columns, np.s_[:, 0, k:], slow + fast[:, None])
-    by_pole = rate * (1 / p + late)[:, None] * since - slow / p[:, None]  # of forced + late rate
-    begun = start[:, None] * elapsed * columns[:, 2]
-    return put(put(columns, np.s_[:, 1, :k], begun[:, :k]), np.s_[:, 1, k:], by_pole + begun[:, k:])
+    grown, before = _powers(xp, pole, elapsed[:k], since, spacing, even)
+    basis = put(put(basis, np.s_[:, 0, :k], before), np.s_[:, 0, k:], grown)
+    return put(basis, np.s_[:, 1], basis[:, 0] * xp.concatenate([elapsed[:k], since]))
 
 
 def _powers(
@@ -227,9 +281,9 @@ def _powers(
 
 
 @on_rows()
-def _peaked(xp: Any, columns: Rows, u: np.ndarray) -> Rows:
+def _peaked(xp: Any, basis: Rows, u: np.ndarray) -> Rows:
     """(P,) the pole of `Sweep.start` over the scaled frequency."""
-    y = columns[:, -1]
+    y = basis[:, -1]
     shapes = xp.stack([y, *(xp.broadcast_to(u**k + 0j, y.shape) for k in range(3))], axis=1)
     weight, pole = xp.ones(y.shape), y[:, 0]
     for _ in range(4):
@@ -239,14 +293,14 @@ def _peaked(xp: Any, columns: Rows, u: np.ndarray) -> Rows:
 
 
 @on_rows()
-def _gain(xp: Any, columns: Rows) -> Rows:
+def _gain(xp: Any, basis: Rows) -> Rows:
     """(P,) by how much the response of a sweep exceeds its column, beside what the bench adds."""
-    return _least_squares(xp, columns[:, np.array([0, 3, 4])], columns[:, -1])[:, 0]
+    return _least_squares(xp, basis[:, np.array([0, 3, 4])], basis[:, -1])[:, 0]
 
 
 @on_rows()
-def _settled(xp: Any, columns: Rows, theta: np.ndarray, drive: np.ndarray, points: np.ndarray) -> Rows:
-    """The columns of a sweep at theta (P, 3)."""
+def _settled(xp: Any, basis: Rows, theta: np.ndarray, drive: np.ndarray, points: np.ndarray) -> Rows:
+    """The basis of a sweep at theta (P, 3)."""
     tau, omega = xp.exp(theta[:, 1:2]), TWO_PI * points
     detuning = TWO_PI * (theta[:, 2:3] - points)
     amplitude = (xp.exp(theta[:, 0]) * drive)[:, None]
@@ -255,8 +309,8 @@ def _settled(xp: Any, columns: Rows, theta: np.ndarray, drive: np.ndarray, point
     x = detuning * (2 * omega + detuning) / (2 * omega) * tau
     turned = 1j / (1 - 1j * x)
     by_f0 = TWO_PI * forced * (1 / (omega + detuning) + turned * (1 + detuning / omega) * tau)
-    columns = put(columns, np.s_[:, 0], forced)
-    return put(put(columns, np.s_[:, 1], forced * (x * turned)), np.s_[:, 2], by_f0)
+    basis = put(basis, np.s_[:, 0], forced)
+    return put(put(basis, np.s_[:, 1], forced * (x * turned)), np.s_[:, 2], by_f0)
 
 
 def _least_squares(xp: Any, shapes: Rows, y: Rows) -> Rows:

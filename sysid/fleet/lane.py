@@ -210,12 +210,12 @@ def _judged(
         batch = fit_together(plates)
         first = [residual(log, batch.step) for log in batch.logs]
         seen, names = screened(batch, first, cells), [[log.name for log in logs] for _, logs in plates]
-        alone, batch = batch, spanned(batch, names)
+        std = np.sqrt(np.einsum("pii->pi", batch.covariance))
+        batch = spanned(batch, names)
         lefts = [residual(log, batch.step) for log in batch.logs]
         added, said = dispersion(batch, names)
         differ = np.array([bool(each) for each in said])
-        seen = seen.without(differ).closer(alone, first, cells).without(differ)
-        std = np.sqrt(np.einsum("pii->pi", alone.covariance))
+        seen = seen.without(differ)
         batch = widened(batch, added + seen.spans * std[:, :, None] * std[:, None])
         return batch, lefts, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 

@@ -12,17 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.fleet.arrays import Rows, on_rows, one, there
+from sysid.fleet.arrays import Rows, on_rows, there
 from sysid.fleet.batch import Batch, Reduced, both
-from sysid.fleet.closed import Block, Step
-from sysid.fleet.closer import End, closer
+from sysid.fleet.closed import Block, Step, column, made
 from sysid.fleet.delayed import shares
-from sysid.fleet.template import PHASES, Template
+from sysid.fleet.template import AXES, BESIDE, PHASES, Template
 from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
-from sysid.verdict.averaged import WIDER
 from sysid.verdict.coincidence import SEEN
 from sysid.verdict.finding import Finding
 from sysid.verdict.identify import limits
@@ -30,10 +28,10 @@ from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
 from sysid.verdict.linear import ENOUGH, MOVES
 
-WIDE = 0.93  # of what is said of an error, from which it may be that of the plate's own
-# width of a cell: in log tau, in half bandwidths; factors of noise over the response, by which no more than
-# priors of the bench differ, and of that of a log over that of the first
-WIDTHS = (0.2, 0.4, 4.0, 2.0)
+# width of a cell: in log tau, in half bandwidths, in the logarithm of narrowed priors over the noise; factors
+# of noise over the response, by which no more than priors of the bench differ, and of that of a log over that
+# of the first
+WIDTHS = (0.2, 0.4, 1.4, 4.0, 2.0)
 COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
     "noise that rows share",
     "outliers",
@@ -51,29 +49,25 @@ def residual(log: Reduced, step: np.ndarray) -> np.ndarray:
     """(P, n) of one log, in units of its noise."""
     along = log.along(step)
     along[:, log.block.bench] -= log.values(step)
-    return np.asarray(_left(log.block.columns, along, log.noise(step, log.values(step))))
-
-
-@on_rows()
-def _left(xp: Any, columns: Rows, along: np.ndarray, std: np.ndarray) -> Rows:
-    return (along[:, None] @ columns)[:, 0] / std[:, None]
+    return made(log.block, along) / log.noise(step, log.values(step))[:, None]
 
 
 def noise(block: Block, turn: np.ndarray, left: np.ndarray) -> dict[str, np.ndarray]:
     """What each other kind of noise is worth in log-likelihood, (P,), by residuals (P, n) with the rotation
     `turn` (P,)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = _worth(block.columns, left, block.order, turn, moving=not block.swept)
+        rate = () if block.swept else (column(block, 3),)
+        found = _worth(column(block, 0), left, block.order, turn, *rate)
     kinds = (COLOUR, TAILS, APART, SHARE, *(() if block.swept else (STAMPS,)), PHASE)
     return dict(zip(kinds, map(np.asarray, found), strict=True))
 
 
-@on_rows("moving")
-def _worth(xp: Any, columns: Rows, left: np.ndarray, order: np.ndarray, turn: np.ndarray, *, moving: bool):
-    """(P,) of each kind, the residual's rows taken in this `order`; of a response that is `moving`, by its
+@on_rows()
+def _worth(xp: Any, model: Rows, left: np.ndarray, order: np.ndarray, turn: np.ndarray, *rates: Rows):
+    """(P,) of each kind, the residual's rows taken in this `order`; of a response (P, n) that moves, by its
     rate as well."""
-    across = phase_noise(xp, columns[:, 0] * turn[:, None], left)
-    left, model = left[:, order], columns[:, 0][:, order]
+    across = phase_noise(xp, model * turn[:, None], left)
+    left, model = left[:, order], model[:, order]
     n, square = left.shape[1], left.real**2 + left.imag**2
     total = square.sum(axis=1)
     share = [xp.sum((left[:, k:] * left[:, :-k].conj()).real, axis=1) / total for k in (1, 2)]
@@ -85,7 +79,7 @@ def _worth(xp: Any, columns: Rows, left: np.ndarray, order: np.ndarray, turn: np
     differ = n * xp.log(total / (2 * xp.sqrt(d * q)))
     relative = square * (n / total)[:, None] - 1
     found = [colour, outliers, differ, _rising(xp, model, relative)]
-    return [*found, *([_rising(xp, columns[:, 3], relative)] if moving else ()), across]
+    return [*found, *(_rising(xp, rate, relative) for rate in rates), across]
 
 
 def _rising(xp: Any, size: Rows, relative: Rows) -> Rows:
@@ -109,22 +103,16 @@ def phase_noise(xp: Any, model: Rows, left: Rows) -> Rows:
 
 
 @on_rows()
-def _recorded(xp: Any, columns: Rows, scale: np.ndarray) -> Rows:
+def _recorded(xp: Any, basis: Rows, scale: np.ndarray) -> Rows:
     """(P,) whether rows repeat the row before, share the largest or smallest value of a channel, or are
     recorded in steps; `scale` (P,): the largest response."""
-    y = columns[:, -1]
+    y = basis[:, -1]
     found = xp.any(y[:, 1:] == y[:, :-1], axis=1)
     for channel in (y.real, y.imag):
         ordered = xp.sort(channel, axis=1)
         same = ordered[:, 1:] - ordered[:, :-1] <= scale[:, None] * 10.0**-DIGITS
         found = found | same[:, 0] | same[:, -1] | (xp.mean(same, axis=1) > 1 - REPEATED)
     return found
-
-
-@on_rows()
-def _largest(xp: Any, columns: Rows) -> Rows:
-    """(P,) the largest of the modelled response."""
-    return xp.max(xp.abs(columns[:, 0]), axis=1)
 
 
 def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
@@ -138,11 +126,11 @@ def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
     if kind == APART:
         return apart(left, np.ones(len(left))) != 1
     if kind == SHARE:
-        size = np.abs(np.asarray(one(block.columns, p))[0, order]) / block.scale[p]
+        size = np.abs(column(block, 0)[p, order]) / block.scale[p]
         return proportional(left[order], size, np.ones(len(left)), False) > 0
     if kind == STAMPS and isinstance(block, Step):
         told = block.first + BEGINS - 1
-        rate = np.asarray(one(block.columns, p))[3, told:]
+        rate = column(block, 3)[p, told:]
         return scatter_of_stamps(left[told:], rate, block.spacing) > 0
     return True
 
@@ -164,60 +152,43 @@ def vague(batch: Batch) -> np.ndarray:
 
 class Screened(NamedTuple):
     """Of each plate: why it goes to the full fit, "" where it need not, (P,); what effects that its logs
-    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; what is to be warned of;
-    and whether a test of its cell is why. `rows` (P, R) and `phases` (P, logs), by which it was looked at."""
+    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; and what is to be warned
+    of."""
 
     why: np.ndarray
     spans: np.ndarray
     said: list[Finding | None]
     doubts: list[Finding | None]
-    tested: np.ndarray
-    rows: Rows = None
-    phases: Rows = None
 
     @classmethod
     def nothing(cls, batch: Batch) -> "Screened":
         """Of the plates of a batch."""
         count = len(batch.theta)
         said, doubts = (list[Finding | None]([None] * count) for _ in range(2))
-        none = np.zeros(count, bool)
-        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts, none)
+        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts)
 
     def look(
-        self, template: Template, rows: Rows, here: np.ndarray, phases: np.ndarray, power: np.ndarray
+        self,
+        template: Template,
+        rows: Rows,
+        here: np.ndarray,
+        away: np.ndarray,
+        phases: np.ndarray,
+        power: np.ndarray,
     ) -> None:
-        """At these plates (p,) of all (P,), with the tests of a template; `spans` in errors. `power`
-        (p, logs): of the noise, over that of the template."""
-        numbers = template.numbers(rows, here)
-        for p, found in zip(here.tolist(), template.found(numbers, phases[here]), strict=True):
-            self.doubts[p] = template.doubt(found)
+        """At these plates (p,) of all (P,), with the tests of a template; `rows` (P, R) and `phases` (P,
+        logs) are of all. `away` (p, AXES): from the middle of its cell; `power` (p, logs): of the noise, over
+        that of the cell."""
+        numbers = template.numbers(rows, here, away)
+        for p, found in zip(here.tolist(), template.found(numbers, away, phases[here]), strict=True):
+            self.doubts[p] = template.doubt(found) if found else None
             if found and self.doubts[p] is None and not self.why[p]:
-                self.why[p], self.tested[p] = found[-1].name, True
+                self.why[p] = found[-1].name
         quiet = self.why[here] == ""
         here = here[quiet]
-        self.spans[here], told = template.averaged(numbers[quiet], phases[here], power[quiet])
+        self.spans[here], told = template.averaged(numbers[quiet], away[quiet], phases[here], power[quiet])
         for p, finding in zip(here.tolist(), told, strict=True):
             self.said[p] = finding
-
-    def closer(self, batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> "Screened":
-        """The same where those of which something is nearly to be said, or that have to go, by their cell are
-        looked at as they are, not as plates that are nearly alike; `lefts`: the `residual` of each log."""
-        wide = np.sqrt(1 + np.max(np.einsum("pii->pi", self.spans), axis=1)) >= WIDE * WIDER
-        each = zip(self.why.tolist(), self.tested.tolist(), wide.tolist(), self.doubts, strict=True)
-        some = [p for p, (why, tested, *told) in enumerate(each) if tested or (not why and any(told))]
-        keys, std = cells.keys(batch), np.sqrt(np.einsum("pii->pi", batch.covariance))
-        powers, ends = cells.powers(batch, keys), End.each(batch, lefts)
-        for p, key, power in zip(some, keys[some], powers[some], strict=True):
-            template = cells.template(key)
-            numbers, about = template.numbers(self.rows, np.array([p]))[0], (self.phases[p], power)
-            tests, shown = template.concerned(numbers, *about), template.shown(*about)
-            if any(template.tried[k].term.parts for k in tests):
-                continue  # what several logs have alike is for the full fit
-            own = closer(batch, p, ends, template, tests, shown)
-            self.doubts[p] = template.doubt(own.found, alike=False)
-            self.why[p] = own.found[-1].name if own.found and self.doubts[p] is None else ""
-            self.spans[p], self.said[p] = own.spans / std[p] / std[p, :, None], own.said
-        return self
 
     def without(self, plates: np.ndarray) -> "Screened":
         """The same, but that errors of these (P,) span nothing: of logs that differ they do already."""
@@ -241,7 +212,7 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
     )
     phases = []
     for log, turn, left in zip(batch.logs, batch.turns, lefts, strict=True):
-        recorded = np.asarray(_recorded(log.block.columns, log.block.scale))
+        recorded = np.asarray(_recorded(log.block.basis, log.block.scale))
         say(recorded, "rows that repeat, or are recorded in steps")
         for kind, worth in noise(log.block, turn, left).items():
             some = ~(worth < LEAST.get(kind, WORTH))
@@ -253,13 +224,13 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
         for reason, which in _of_bench(batch, log, turn):
             say(which, reason)
     found = _by_template(batch, lefts, np.stack(phases, axis=1), cells)
-    return found._replace(why=np.where(why == "", found.why, why), tested=found.tested & (why == ""))
+    return found._replace(why=np.where(why == "", found.why, why))
 
 
 def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> Screened:
     """By the single fit's own terms."""
-    keys, rows = cells.keys(batch), None
-    powers = cells.powers(batch, keys)
+    places, keys, rows = cells.places(batch), cells.keys(batch), None
+    away, powers = (places - keys[:, :AXES]), cells.powers(batch, keys)
     found = Screened.nothing(batch)
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     for key in np.unique(keys, axis=0):
@@ -274,8 +245,8 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        found.look(template, rows, here, phases, powers[here])
-    return found._replace(rows=rows, phases=phases)
+        found.look(template, rows, here, away[here], phases, powers[here])
+    return found
 
 
 def _rows(batch: Batch, k: int, left: np.ndarray, names: Sequence[str]) -> np.ndarray:
@@ -332,7 +303,7 @@ def cancelling(batch: Batch, log: Reduced, turn: np.ndarray) -> tuple[np.ndarray
     seen = np.abs(first.real) >= SEEN * log.error(form, held)
     late = (turn.conj() * values[:, 1]).real / log.prior[:, 1]
     worth = 2 * np.log(np.abs(first) / error) - 0.5 * np.abs(left / error) ** 2 + 0.5 * late**2
-    largest = np.asarray(_largest(log.block.columns))
+    largest = np.max(np.abs(column(log.block, 0)), axis=1)
     return np.where(seen, 1 + first.real / largest, 1.0), np.where(seen, worth, -np.inf)
 
 
@@ -353,17 +324,22 @@ class Cells:
             self.said[key] = template.why(name, at)
         return self.said[key]
 
+    def places(self, batch: Batch) -> np.ndarray:
+        """(P, AXES) where each plate is, in cells."""
+        detuning = 2 * np.pi * batch.tau * (batch.theta[:, 2] - batch.blocks[-1].middle)
+        narrow = np.zeros(len(detuning))
+        for x in (x for x in batch.logs if not x.block.swept):
+            width = x.prior[:, x.block.names.index("feedthrough")]
+            narrow = np.where(batch.tight, np.log(width / np.maximum(x.std, 1e-300)), 0.0)
+        found = np.stack([batch.theta[:, 1], detuning, narrow], axis=1) / WIDTHS[:AXES]
+        return np.nan_to_num(np.clip(found, -1e6, 1e6))
+
     def keys(self, batch: Batch) -> np.ndarray:
-        """(P, 3 + logs) whole numbers of each plate's cell."""
-        middle, theta = batch.blocks[-1].middle, batch.theta
+        """(P, AXES + logs + 1) whole numbers of each plate's cell."""
         first, *others = np.log(_levels(batch)).T
-        levels = [first / np.log(WIDTHS[2]), *((other - first) / np.log(WIDTHS[3]) for other in others)]
-        places = [
-            theta[:, 1] / WIDTHS[0],
-            2 * np.pi * batch.tau * (theta[:, 2] - middle) / WIDTHS[1],
-            *levels,
-        ]
-        whole = np.nan_to_num(np.rint(np.clip(np.stack(places, axis=1), -1e6, 1e6)))
+        found = [first / np.log(WIDTHS[-2]), *((other - first) / np.log(WIDTHS[-1]) for other in others)]
+        levels = np.nan_to_num(np.clip(np.stack(found, axis=1), -1e6, 1e6))
+        whole = np.rint(np.concatenate([self.places(batch), levels], axis=1))
         return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
 
     def powers(self, batch: Batch, keys: np.ndarray) -> np.ndarray:
@@ -373,14 +349,21 @@ class Cells:
     def template(self, key: np.ndarray) -> Template:
         """Of one cell."""
         if (known := self.made.get(tuple(key))) is None:
-            tau, levels = np.exp(key[0] * WIDTHS[0]), _of_cells(key[None])[0]
-            detuning = key[1] * WIDTHS[1] / (2 * np.pi * tau)
-            block, gain = self.blocks[-1], 1 / np.abs(self.blocks[-1].drive[0])
-            theta = np.array([np.log(gain), np.log(tau), block.middle[0] + detuning])
+            levels, gain = _of_cells(key[None])[0], 1 / np.abs(self.blocks[-1].drive[0])
             sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
-            made = Template.of(self.logs, self.blocks, theta, sizes, bool(key[-1]))
-            known = self.made[tuple(key)] = made
+            steps = [np.zeros(AXES), *BESIDE * np.eye(AXES)]
+            places = [self.place(key[:AXES] + step, gain, sizes, bool(key[-1])) for step in steps]
+            known = self.made[tuple(key)] = Template.of(self.logs, self.blocks, places, sizes)
         return known
+
+    def place(
+        self, place: np.ndarray, gain: float, levels: Sequence[float], tight: bool
+    ) -> tuple[np.ndarray, float]:
+        """What a plate of that gain in noise of these levels is there, as `Template.of` has it."""
+        tau, detuning, narrow = place * WIDTHS[:AXES]
+        f0 = self.blocks[-1].middle[0] + detuning / (2 * np.pi * np.exp(tau))
+        noise = next((s for s, b in zip(levels, self.blocks, strict=True) if not b.swept), 0.0)
+        return np.array([np.log(gain), tau, f0]), float(np.exp(narrow) * noise) if tight else np.inf
 
 
 def _levels(batch: Batch) -> np.ndarray:
@@ -391,5 +374,5 @@ def _levels(batch: Batch) -> np.ndarray:
 
 def _of_cells(keys: np.ndarray) -> np.ndarray:
     """(P, logs) the same in the middle of cells."""
-    first = WIDTHS[2] ** keys[:, 2:3]
-    return np.concatenate([first, first * WIDTHS[3] ** keys[:, 3:-1]], axis=1)
+    first = WIDTHS[-2] ** keys[:, AXES : AXES + 1]
+    return np.concatenate([first, first * WIDTHS[-1] ** keys[:, AXES + 1 : -1]], axis=1)

@@ -1,27 +1,28 @@
 """What a clean plate looks like to the single fit: the score tests of all that its model leaves out.
 
-A cell holds plates of one layout whose time constant, detuning and noise are nearly alike. For a plate in its
-middle, simulated without noise, the single fit's own `terms` are linearised once (`linear.Linear.scored`);
-the whitened residuals of all plates of the cell are then tried by one product of matrices. A residual is
-orthogonal to what its own fit can adjust, so its chance is that of the single fit; a shape from the middle of
-a cell finds nearly as much as the plate's own.
+A cell holds plates of one layout whose time constant, detuning and noise are nearly alike, and priors where
+these are narrowed. For a plate in its middle, simulated without noise, the single fit's own `terms` are
+linearised once (`linear.Linear.scored`), and again where one of these is a little larger; the whitened
+residuals of all plates of the cell are then tried by one product of matrices. A residual is orthogonal to
+what its own fit can adjust, so its chance is that of the single fit. A plate's own test is that of the
+middle, moved in proportion to how far the plate is off it: its rows w, by whose size the numbers w^T r/|w|
+have unit variance, and what they move.
 """
 
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from sysid import reading
-from sysid.effects.clock import ROWS_LOST
 from sysid.effects.effect import About
 from sysid.effects.registry import ADOPTED, EVERY
 from sysid.effects.sensor import SATURATIONS
-from sysid.fleet.arrays import Rows, on_rows, one, padding, there
-from sysid.fleet.closed import Block
+from sysid.fleet.arrays import Rows, on_rows, padding, there
+from sysid.fleet.closed import Block, column
 from sysid.logs.log import Log
 from sysid.minimum.minimise import DOUBTFUL, State
 from sysid.model.plant import LOW_Q
@@ -29,8 +30,7 @@ from sysid.model.span import inverted
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, identify, lone
-from sysid.verdict.averaged import Allowed, Kind, Together, spanned, widest
-from sysid.verdict.coincidence import tightened
+from sysid.verdict.averaged import WIDER, Allowed, Kind, Together, spanned, widest
 from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Finding
 from sysid.verdict.firstorder import of_effects
@@ -41,8 +41,9 @@ from sysid.verdict.view import View
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
-NEARLY = 2.0  # of log-likelihood: a plate's own test may be worth so much more than its cell's
-LITTLE = 0.01  # of an error's square, that an effect adds: less changes it by half a percent
+BESIDE = 0.1  # of a cell, by which a step is taken to see how tests change across it
+AXES = 3  # of a cell: time constant, detuning, and how wide narrowed priors are
+LEFT = 0.1  # of a test's squared size in the middle: where it would be less, slopes do not tell how much
 LEAST = 0.125  # power of the noise of plates of a cell, over the cell's: of one of several logs
 QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
 CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
@@ -52,17 +53,27 @@ NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED
 @dataclass(frozen=True, eq=False)
 class Trying:
     """One term with its test: by `chance` it is worth as much; `phase` (log, place) if only in logs whose
-    rotation is near that; `allowed` where errors span it."""
+    rotation is near that; `allowed` where errors span it. How the test changes along the axes of a cell: what
+    it moves, `moves` (AXES, 3, r); and the products of its rows, of these and of their changes, `products`
+    (r, 1 + AXES, 1 + AXES)."""
 
     term: Term
     scored: Scored
     chance: float
     phase: tuple[int, int] | None = None
     allowed: Allowed | None = None
+    moves: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    products: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
     def kind(self) -> Kind:
         return self.term.name, self.term.log
+
+    @property
+    def place(self) -> tuple:
+        """By which it is the same in plates that are nearly alike."""
+        source, parts = self.term.source, tuple(t.log for t in self.term.parts)
+        return *self.kind, self.phase, parts, None if source is None else (source[0].name, source[1])
 
     def light(self) -> "Trying":
         """Without the arrays over the rows, which the template has side by side."""
@@ -70,12 +81,47 @@ class Trying:
         allowed = Allowed(term, self.scored) if spanned(term, self.scored, LEAST) else None
         return replace(self, term=term, allowed=allowed)
 
+    def at(self, away: np.ndarray) -> Scored:
+        """The test of a plate that is so far away (AXES,) from the middle."""
+        size, scored = 1 / _size(self.products, away[None])[0], self.scored
+        moves = (scored.moves + np.tensordot(away, self.moves, 1)) * size
+        return scored._replace(values=scored.values * size, moves=moves, usual=scored.usual / size**2)
+
+
+class Near(NamedTuple):
+    """All that is tried of plates in one place: the linearised fit there, each term with its chance, and the
+    logs."""
+
+    fit: Linear
+    tried: list[Trying]
+    views: list[View]
+
+    @classmethod
+    def of(cls, state: State, views: list[View], reference: tuple[float, float]) -> "Near":
+        """Of the logs at a minimum."""
+        fit, about = Linear(views, state, list(FREE), 0.0), About.of(state, reference)
+        every = terms(views, FREE, about, 0.0)
+        fit.look(every)
+        alike = list(together([t for t in every if t.alike and fit.tells(t)])) if len(views) > 1 else []
+        chances = [*chances_of(every), *(chances_of(alike, len(every)) if alike else ())]
+        known: list[tuple[Term, float, tuple[int, int] | None]] = [
+            (t, chance, None)
+            for t, chance in zip([*every, *alike], chances, strict=True)
+            if t.name not in CHANNELS or t.parts
+        ]
+        of_each = {(t.name, t.log): chance for t, chance in zip(every, chances, strict=False)}
+        for i, view in enumerate(views):
+            known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about)]
+        fit.look([t for t, _, phase in known if phase is not None])
+        scored = zip(known, fit.scored([t for t, *_ in known]), strict=True)
+        return cls(fit, [Trying(t, s, chance, phase) for (t, chance, phase), s in scored if s], views)
+
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """The tests of a cell: `weights` (R, q) of all terms side by side, each from `begins`. `second`
-    (logs, 3): by what G, tau and f0 move, in their errors, with the square (s^2) of a lateness. `refused`:
-    why the batch does not cover such plates."""
+    """The tests of a cell: `weights` (R, (1 + AXES) q) of all terms side by side, each from `begins`, and how
+    they change along the axes. `second` (logs, 3): by what G, tau and f0 move, in their errors, with the
+    square (s^2) of a lateness. `refused`: why the batch does not cover such plates."""
 
     refused: str = ""
     trials: tuple[Trial, ...] = ()
@@ -91,169 +137,134 @@ class Template:
         cls,
         logs: Sequence[Log],
         blocks: Sequence[Block],
-        theta: np.ndarray,
+        places: Sequence[tuple[np.ndarray, float]],
         levels: Sequence[float],
-        tight: bool,
     ) -> "Template":
-        """Of the inputs of `logs`, whose `blocks` are of one plate at `theta` (3,), and noise of `levels`;
-        `tight`: with the narrower priors of a feedthrough and a lateness."""
-        models, rng = _models(blocks, theta), np.random.default_rng(0)
-        simulated = [
-            replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
-            for log, m, s in zip(logs, models, levels, strict=True)
-        ]
-        trials, warnings = reading.trials(simulated, NUISANCES)
-        if said := _uncovered(trials, blocks, warnings, logs):
-            return cls(said, trials)
-        state, views, reference = _state(theta, trials, models, levels, tight)
-        if said := _undescribed(state, views, reference):
-            return cls(said, trials)
-        return cls._tried(state, views, reference, trials)
+        """Of the inputs of `logs`, whose `blocks` are of one plate, in the `places` that are the middle and
+        BESIDE along each axis: theta (3,) there, and the width of the prior of a feedthrough that may cancel
+        a lateness (inf: as it is), in noise of `levels`."""
+        trials, near = tuple[Trial, ...](), list[Near]()
+        for theta, narrow in places:
+            if near and narrow == np.inf and np.array_equal(theta, places[0][0]):
+                near.append(near[0])
+                continue
+            models = _models(blocks, theta)
+            read, warnings = reading.trials(_simulated(logs, models, levels), NUISANCES)
+            trials = trials or read
+            if said := _uncovered(read, blocks, warnings, logs):
+                return cls(said, trials)
+            state, views, reference = _state(theta, _narrowed(read, theta, narrow), models, levels)
+            if not near and (said := _undescribed(state, views, reference)):
+                return cls(said, trials)
+            near.append(Near.of(state, views, reference))
+        return cls._tried(near, trials)
 
     @classmethod
-    def _tried(
-        cls,
-        state: State,
-        views: list[View],
-        reference: tuple[float, float],
-        trials: tuple[Trial, ...],
-    ) -> "Template":
-        fit, about = Linear(views, state, list(FREE), 0.0), About.of(state, reference)
-        every = terms(views, FREE, about, 0.0)
-        fit.look(every)
-        alike = list(together([t for t in every if t.alike and fit.tells(t)])) if len(views) > 1 else []
-        chances = [*chances_of(every), *(chances_of(alike, len(every)) if alike else ())]
-        known: list[tuple[Term, float, tuple[int, int] | None]] = [
-            (t, chance, None)
-            for t, chance in zip([*every, *alike], chances, strict=True)
-            if t.name not in CHANNELS or t.parts
-        ]
-        of_each = {(t.name, t.log): chance for t, chance in zip(every, chances, strict=False)}
-        for i, view in enumerate(views):
-            known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about)]
-        fit.look([t for t, _, phase in known if phase is not None])
-        tried = [
-            Trying(t, scored, chance, phase)
-            for (t, chance, phase), scored in zip(known, fit.scored([t for t, *_ in known]), strict=True)
-            if scored is not None
-        ]
-        weights = [fit.rows(x.term, x.scored) for x in tried]
+    def _tried(cls, places: "Sequence[Near]", trials: tuple[Trial, ...]) -> "Template":
+        (fit, tried, views), *others = places
+        found, weights = list[Trying](), list[np.ndarray]()
+        alike = [_matched(places[0], other) for other in others]
+        for j, x in enumerate(tried):
+            rows, moves = fit.rows(x.term, x.scored)
+            near = [
+                other.fit.rows(t[j], x.scored) if t[j] else (rows, moves)
+                for other, t in zip(others, alike, strict=True)
+            ]
+            moved = np.array([(m - moves) / BESIDE for _, m in near])
+            weights.append(np.array([rows, *((r - rows) / BESIDE for r, _ in near)]))
+            found.append(
+                replace(x, moves=moved, products=np.einsum("irn,jrn->nij", weights[-1], weights[-1]))
+            )
         second = [
             fit.moved(i, v.observed((v.course.pole * v.course.rate)[None])[0]) for i, v in enumerate(views)
         ]
         return cls(
             trials=trials,
             names=tuple(tuple(c.name for c in v.columns) for v in views),
-            tried=tuple(x.light() for x in tried),
-            weights=np.concatenate(weights, axis=1),
-            begins=np.cumsum([0, *(w.shape[1] for w in weights[:-1])]),
+            tried=tuple(x.light() for x in found),
+            weights=np.concatenate([w for part in zip(*weights, strict=True) for w in part], axis=1),
+            begins=np.cumsum([0, *(w[0].shape[1] for w in weights[:-1])]),
             second=np.array([[moves[name] for name in FREE] for moves in second]),
             views=tuple(views),
         )
 
-    def concerned(self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray) -> list[int]:
-        """Which tests decide what is said of a plate, by its `numbers` (q,), the place `phases` (logs,) of
-        its rotations and the `power` (logs,) of its noise over the cell's; of rows that may be missing also
-        those at the next places, as its own may be another row."""
-        worth = 0.5 * np.add.reduceat(numbers**2, self.begins)
-        near = (worth > self._chance + PERHAPS - NEARLY) & self._here(phases[None])[0]
-        some = set(np.flatnonzero(near).tolist())
-        (likely,) = self._likely(numbers[None], phases[None], power[None])
-        for k, x, own, share in likely:
-            if share * np.max(np.diag(x.spans(x.scored.moves, own))) > LITTLE:
-                some.add(k)
-        astray = {k for k in some if (source := self.tried[k].term.source) and source[0] in ROWS_LOST}
-        beside = {k + step for k in astray for step in (-1, 1)} & set(range(len(self.tried)))
-        return sorted(
-            some | {k for k in beside if self.tried[k].kind in {self.tried[j].kind for j in astray}}
-        )
+    def numbers(self, rows: Rows, which: np.ndarray, away: np.ndarray) -> np.ndarray:
+        """(p, q) of all tests side by side, of these plates (p,), which are `away` (p, AXES) from the middle,
+        by the residuals (P, R) of all in the plate's frame, with those of the priors."""
+        more = padding(len(which))
+        some = np.pad(which, (0, more), mode="edge") if more else which
+        found = np.asarray(_products(rows, some, self._weights))[: len(which)]
+        middle, *slopes = np.split(found, 1 + AXES, axis=1)
+        whole = middle + sum(a[:, None] * s for a, s in zip(away.T, slopes, strict=True))
+        return whole / _size(self._sizes, away)
 
-    def numbers(self, rows: Rows, which: np.ndarray) -> np.ndarray:
-        """(p, q) of all tests side by side, of these plates (p,), by the residuals (P, R) of all in the
-        plate's frame, with those of the priors."""
-        some = np.pad(which, (0, padding(len(which))), mode="edge")
-        return np.asarray(_products(rows, some, self._weights))[: len(which)]
+    @cached_property
+    def _sizes(self) -> np.ndarray:
+        return np.concatenate([x.products for x in self.tried])
 
     @cached_property
     def _weights(self) -> Rows:
         return there(self.weights)
 
-    def found(self, numbers: np.ndarray, phases: np.ndarray) -> list[list[Found]]:
+    def found(self, numbers: np.ndarray, away: np.ndarray, phases: np.ndarray) -> list[list[Found]]:
         """What each plate's logs hold beside the model, or that would move its parameters far if they do, by
-        the thresholds of `misfits`; `numbers` (P, q) of all tests, `phases` (P, logs): in which PHASES of a
-        quarter turn each rotation is."""
+        the thresholds of `misfits`; `numbers` (P, q) of all tests of plates that are `away` (P, AXES) from
+        the middle, `phases` (P, logs): in which PHASES of a quarter turn each rotation is."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
         found: list[list[Found]] = [[] for _ in numbers]
         for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(phases)), strict=True):
             x, u = self.tried[k], self._own(numbers, k)[p]
-            certain = bool(worth[p, k] >= x.chance + ENOUGH)
-            moves = dict(zip(FREE, (x.scored.moves @ u).tolist(), strict=True))
-            said = x.term.say(x.scored.values @ u, x.scored.errors)
+            scored, certain = x.at(away[p]), bool(worth[p, k] >= x.chance + ENOUGH)
+            moves = dict(zip(FREE, (scored.moves @ u).tolist(), strict=True))
+            said = x.term.say(scored.values @ u, scored.errors)
             new = Found(said or "", worth[p, k], moves, x.term.name, x.term.log, x.term.freedom, certain)
             if said is not None and (certain or new.harmful):
                 found[p].append(new)
         return found
 
-    def doubt(self, found: Sequence[Found], alike: bool = True) -> Finding | None:
+    def doubt(self, found: Sequence[Found]) -> Finding | None:
         """What the single fit would warn of where a plate's logs hold these, none of them certain; None where
-        it has to look closer, as at what one log has for itself, or several may have `alike`."""
-        if any(f.certain or (f.name, f.log) in self._firm[alike] for f in found):
+        it has to look closer, as at what one log has for itself, or several may have alike."""
+        if any(f.certain or (f.name, f.log) in self._firm for f in found):
             return None
         likely = likeliest(sorted(found, key=lambda f: -f.worth))
         return next(iter(doubted(likely, [t.log.name for t in self.trials])), None)
 
     @cached_property
-    def _firm(self) -> tuple[set[Kind], set[Kind]]:
-        """What one log has for itself; and also what several may have alike."""
-        own = {x.kind for x in self.tried if x.term.between}
-        return own, own | {x.kind for x in self.tried if x.term.parts}
+    def _firm(self) -> set[Kind]:
+        """What one log has for itself, and what several may have alike."""
+        return {x.kind for x in self.tried if x.term.between or x.term.parts}
 
     def averaged(
-        self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
+        self, numbers: np.ndarray, away: np.ndarray, phases: np.ndarray, power: np.ndarray
     ) -> tuple[np.ndarray, list[Finding | None]]:
         """(P, 3, 3) what effects that the logs allow add to the covariance of each plate, in its errors, and
         what is said of it (`verdict.averaged`). `power` (P, logs): of the noise, over that of the cell."""
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
-        for p, likely in enumerate(self._likely(numbers, phases, power)):
-            if likely:
-                some = [x[1:] for x in likely]
-                spans[p] = sum(share * x.spans(x.scored.moves, own) for x, own, share in some)
-                hint = widest(some, FREE, self.views)
-                said[p] = hint and hint.told(True)
+        if (here := self._spanned) is None:
+            return spans, said
+        size = 1 / _size(self._sizes[here.at], away)
+        own, loud = numbers[:, here.at], power[:, here.logs] * size**2
+        share = here.each.likely(own, loud, self._here(phases)[:, here.tests].T)
+        k, p = np.nonzero(share)
+        shifts = here.moves[0][k] + np.einsum("ea,aeij->eij", away[p], here.moves[1:, k])
+        shifts = shifts * size[p[:, None], here.each.places[k]][:, None]
+        np.add.at(spans, p, share[k, p, None, None] * here.each.added((k, p), shifts, own, loud))
+        for i in np.flatnonzero(np.max(np.einsum("pii->pi", spans), axis=1) >= WIDER**2 - 1).tolist():
+            some = [
+                (self._one(int(j), away[i], power[i]), here.each.own(own[i], j), float(share[j, i]))
+                for j in k[p == i]
+            ]
+            hint = widest(some, FREE, self.views)
+            said[i] = hint and hint.told(True)
         return spans, said
 
-    def _likely(
-        self, numbers: np.ndarray, phases: np.ndarray, power: np.ndarray
-    ) -> list[list[tuple[int, Allowed, np.ndarray, float]]]:
-        """Of each plate the effects that errors span: which test each is of, what it is in its noise, its
-        numbers, and how likely it is."""
-        found: list[list[tuple[int, Allowed, np.ndarray, float]]] = [[] for _ in numbers]
-        if self._spanned is None:
-            return found
-        which, at, each = self._spanned
-        own, share = numbers[:, at], each.likely(numbers[:, at], *self._allowed(phases, power))
-        for k, p in zip(*np.nonzero(share), strict=True):
-            x = each.each[k].louder(power[p, each.each[k].term.log or 0])
-            found[p].append((int(which[each.begins[k]]), x, each.own(own[p], k), float(share[k, p])))
-        return found
-
-    def _allowed(self, phases: np.ndarray, power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(P, q) the noise of each of these numbers, (K, P) and which effects there may be, of plates of such
-        rotations and noise (P, logs)."""
+    def _one(self, k: int, away: np.ndarray, power: np.ndarray) -> Allowed:
+        """The k-th effect that errors span, in the noise of a plate."""
         assert self._spanned is not None
-        which, _, each = self._spanned
-        logs = np.array([x.term.log or 0 for x in self.tried])
-        return power[:, logs[which]], self._here(phases)[:, which[each.begins]].T
-
-    def shown(self, phases: np.ndarray, power: np.ndarray) -> dict[Kind, int]:
-        """How many effects of each kind a plate's logs would show, of all that errors may span; `phases` and
-        `power` as `concerned` has them."""
-        if self._spanned is None:
-            return {}
-        each = self._spanned[2]
-        there = each.there(*self._allowed(phases[None], power[None]))
-        return dict(zip(each.kinds, (each.alike @ there)[:, 0].astype(int).tolist(), strict=True))
+        x = self.tried[self._spanned.tests[k]]
+        return Allowed(x.term, x.at(away)).louder(power[x.term.log or 0])
 
     @cached_property
     def _chance(self) -> np.ndarray:
@@ -271,14 +282,20 @@ class Template:
         return (place < 0) | (phases[:, log] == place)
 
     @cached_property
-    def _spanned(self) -> tuple[np.ndarray, np.ndarray, Together] | None:
-        """What errors span: of each of its numbers which test it is of, and where it stands."""
+    def _spanned(self) -> "_Spanned | None":
         tests = [k for k, x in enumerate(self.tried) if x.allowed is not None]
         if not tests:
             return None
-        sizes = [self.tried[k].scored.values.shape[1] for k in tests]
+        some = [self.tried[k] for k in tests]
+        together, sizes = (
+            Together.of([x.allowed for x in some if x.allowed]),
+            [len(x.products) for x in some],
+        )
         at = np.concatenate([self.begins[k] + np.arange(n) for k, n in zip(tests, sizes, strict=True)])
-        return np.repeat(tests, sizes), at, Together.of([a for k in tests if (a := self.tried[k].allowed)])
+        logs = np.repeat([x.term.log or 0 for x in some], sizes)
+        moves = [[x.scored.moves for x in some], *([x.moves[a] for x in some] for a in range(AXES))]
+        beside = np.array([together.side_by_side(each) for each in moves])
+        return _Spanned(np.array(tests), at, logs, together, beside)
 
     def _own(self, numbers: np.ndarray, k: int) -> np.ndarray:
         """(P, r) those of the k-th test."""
@@ -294,6 +311,42 @@ class Template:
         return identify.why(name, trials, 1.0, FREE, 1)
 
 
+class _Spanned(NamedTuple):
+    """What errors span: of which test each effect is; of each of its numbers the place among those of all
+    tests, and the log; and `moves` (1 + AXES, K, 3, r), what they move of G, tau and f0, in errors, and how
+    that changes along the axes."""
+
+    tests: np.ndarray
+    at: np.ndarray
+    logs: np.ndarray
+    each: Together
+    moves: np.ndarray
+
+
+def _size(products: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """(P, q) size of rows with these products (q, 1 + AXES, 1 + AXES), so far `away` (P, AXES)."""
+    along = np.concatenate([np.ones((len(away), 1)), away], axis=1)
+    both = (along[:, :, None] * along[:, None]).reshape(len(away), (1 + AXES) ** 2)
+    return np.sqrt(np.maximum(both @ products.reshape(len(products), -1).T, LEFT))
+
+
+def _matched(middle: Near, other: Near) -> list[Term | None]:
+    """Of what is tried in the middle the same beside it, each in its place; None where there is none."""
+    left: dict[tuple, list[Term]] = {}
+    for x in other.tried:
+        left.setdefault(x.place, []).append(x.term)
+    return [left[x.place].pop(0) if left.get(x.place) else None for x in middle.tried]
+
+
+def _simulated(logs: Sequence[Log], models: Sequence[np.ndarray], levels: Sequence[float]) -> list[Log]:
+    """The logs as if they were of these models, nearly without noise."""
+    rng = np.random.default_rng(0)
+    return [
+        replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
+        for log, m, s in zip(logs, models, levels, strict=True)
+    ]
+
+
 @on_rows()
 def _products(xp: Any, rows: Rows, which: np.ndarray, weights: Rows) -> Rows:
     return rows[which] @ weights
@@ -303,25 +356,30 @@ def _models(blocks: Sequence[Block], theta: np.ndarray) -> list[np.ndarray]:
     """The response of each log of the one plate of these blocks at `theta` (3,), without a bench."""
     for block in blocks:
         block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
-    return [np.array(one(block.columns, 0)[0]) for block in blocks]
+    return [column(block, 0)[0] for block in blocks]
+
+
+def _narrowed(trials: Sequence[Trial], theta: np.ndarray, narrow: float) -> tuple[Trial, ...]:
+    """The trials with a feedthrough and a lateness of a step no wider than that (`coincidence.tightened`)."""
+    if narrow == np.inf:
+        return tuple(trials)
+    found = []
+    for trial in trials:
+        rise = np.exp(theta[0] - theta[1]) * np.max(np.abs(trial.inputs.drive))
+        sizes = {} if trial.steady else {"feedthrough": narrow, "lateness": narrow / rise}
+        found.append(trial.with_bench(narrow=sizes))
+    return tuple(found)
 
 
 def _state(
-    theta: np.ndarray,
-    trials: Sequence[Trial],
-    models: Sequence[np.ndarray],
-    levels: Sequence[float],
-    tight: bool,
+    theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], levels: Sequence[float]
 ) -> tuple[State, list[View], tuple[float, float]]:
     """A minimum at `theta` (3,) with noise of these levels and the covariance that its logs leave, the logs
-    there, and what frequencies and temperatures are counted from; `tight` as `Template.of` has it."""
+    there, and what frequencies and temperatures are counted from."""
     reference, at = reading.reference(trials), np.zeros(len(NAMES))
     at[:3] = theta - (0.0, 0.0, reference[0])
     trials = tuple(with_noise(t, s, 0.0) for t, s in zip(trials, levels, strict=True))
-    state, views = _minimum(at, trials, models, reference)
-    if tight:
-        state, views = _minimum(at, tightened(state, reference, ("late",)), models, reference)
-    return state, views, reference
+    return *_minimum(at, trials, models, reference), reference
 
 
 def _minimum(

@@ -20,7 +20,7 @@ Hoeting, Madigan, Raftery & Volinsky, Bayesian model averaging: a tutorial, Stat
 (1999).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -101,11 +101,12 @@ class Allowed(NamedTuple):
         """Its sentence; None where such numbers make no sense."""
         return self.term.say(self.scored.values @ self.mean(numbers), self.scored.errors)
 
-    def sensible(self, numbers: np.ndarray) -> bool:
-        """Whether such numbers make sense."""
+    def sensible(self, mean: np.ndarray) -> bool:
+        """Whether such a `mean` makes sense."""
+        value = self.scored.values @ mean
         if self.term.sense is None:
-            return self.say(numbers) is not None
-        return self.term.sense(self.scored.values @ self.mean(numbers))
+            return self.term.say(value, self.scored.errors) is not None
+        return self.term.sense(value)
 
 
 Kind = tuple[str, int | None]  # of effects: their name, and the log that they are in
@@ -125,6 +126,8 @@ class Together(NamedTuple):
     usual: np.ndarray  # (q,) variances
     kinds: Sequence[Kind]  # (n,) all that there are
     alike: np.ndarray  # (n, K) which effects are of each kind
+    places: np.ndarray  # (K, r) of the numbers of each
+    has: np.ndarray  # (K, r) 1 for each of its numbers, 0 where it has fewer than others
 
     @classmethod
     def of(cls, each: Sequence[Allowed]) -> "Together":
@@ -134,7 +137,30 @@ class Together(NamedTuple):
         of_each = [(x.term.name, x.term.log) for x in each]
         kinds = list(dict.fromkeys(of_each))
         alike = np.array([[float(one == kind) for one in of_each] for kind in kinds])
-        return cls(each, begins, np.concatenate(usual), kinds, alike)
+        some = np.arange(max(map(len, usual)))
+        has = some < np.array([len(x) for x in usual])[:, None]
+        places = np.where(has, begins[:, None] + some, 0)
+        return cls(each, begins, np.concatenate(usual), kinds, alike, places, has * 1.0)
+
+    def side_by_side(self, shifts: Sequence[np.ndarray]) -> np.ndarray:
+        """(K, p, r) what numbers of each effect move, (p, r) each."""
+        return (np.concatenate(shifts, axis=1)[:, self.places] * self.has).swapaxes(0, 1)
+
+    def added(
+        self,
+        which: tuple[np.ndarray, np.ndarray],
+        shifts: np.ndarray,
+        numbers: np.ndarray,
+        power: np.ndarray,
+    ) -> np.ndarray:
+        """(e, p, p) the second moments of what moves by `shifts` (e, p, r) if these effects (e,) of these
+        plates (e,) are there; the rest as `likely` has it."""
+        k, p = which
+        at = p[:, None], self.places[k]
+        numbers, usual = numbers[at], (self.usual / power)[at]
+        mean = usual / (1 + usual)
+        moved = np.sum(shifts * (mean * numbers)[:, None], axis=2)
+        return moved[:, :, None] * moved[:, None] + (shifts * mean[:, None]) @ shifts.swapaxes(1, 2)
 
     def own(self, numbers: np.ndarray, k: int) -> np.ndarray:
         """(r,) those of the k-th effect."""
@@ -145,13 +171,10 @@ class Together(NamedTuple):
         (K, P): which there may be."""
         return (np.minimum.reduceat(self.usual / power, self.begins, axis=1).T > SHOWS**2) & here
 
-    def _before(self, there: np.ndarray, others: Mapping[Kind, int]) -> np.ndarray:
+    def _before(self, there: np.ndarray) -> np.ndarray:
         """(K, P) how likely each is beforehand over the chance of none."""
         counts = self.alike @ there
-        for k, kind in enumerate(self.kinds):
-            if kind in others:
-                counts[k] = np.maximum(counts[k], others[kind])
-        kinds = np.sum(counts > 0, axis=0) + len({*others} - {*self.kinds})
+        kinds = np.sum(counts > 0, axis=0)
         return 1 / np.maximum(kinds * (self.alike.T @ counts), 1)
 
     def likely(
@@ -159,36 +182,37 @@ class Together(NamedTuple):
         numbers: np.ndarray,
         power: np.ndarray,
         here: np.ndarray | bool = True,
-        others: Mapping[Kind, int] | None = None,
     ) -> np.ndarray:
         """(K, P) how likely each effect is by the numbers (P, q) of as many plates; 0 where the logs speak
-        against it. `power` and `here` as `there` has them. `others`: how many of a kind there are, where
-        those at hand are not all."""
+        against it. `power` and `here` as `there` has them."""
         usual = self.usual / power
-        shown = usual / (1 + usual) * numbers**2 - np.log1p(usual)
-        found = 0.5 * np.add.reduceat(shown, self.begins, axis=1).T
+        mean = usual / (1 + usual) * numbers
+        found = 0.5 * np.add.reduceat(mean * numbers - np.log1p(usual), self.begins, axis=1).T
         there, odds = self.there(power, here), np.zeros_like(found)
-        before = self._before(there, others or {})
+        before = self._before(there)
         for k, p in zip(*np.nonzero((found > 0) & there), strict=True):
-            if self.each[k].louder(power[p, self.begins[k]]).sensible(self.own(numbers[p], k)):
+            if self.each[k].sensible(self.own(mean[p], k)):
                 odds[k, p] = before[k, p] * np.expm1(min(found[k, p], MOST))
         return odds / (1 + odds.sum(axis=0))
 
 
-def averaged(fit: Linear, tried: Sequence[Term], others: Mapping[Kind, int] | None = None) -> Average:
-    """Over the effects `tried` beside a fit, linearised; `others` as `Together.likely` has it."""
+def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
+    """Over the effects `tried` beside a fit, linearised."""
     scored = zip(tried, fit.scored(tried), strict=True)
     each = [Allowed(t, s) for t, s in scored if s is not None and spanned(t, s)]
     if not each:
         return Average.none()
     numbers = [x.scored.numbers for x in each]
-    whole = np.concatenate(numbers)[None]
-    share = Together.of(each).likely(whole, np.ones_like(whole), others=others)
-    some = [(each[k], numbers[k], float(share[k, 0])) for k in np.flatnonzero(share.any(axis=1))]
-    if not some:
+    whole, together = np.concatenate(numbers)[None], Together.of(each)
+    share = together.likely(whole, np.ones_like(whole))
+    k, p = np.nonzero(share)
+    if not len(k):
         return Average.none()
     added, index = Average.none().covariance, [NAMES.index(n) for n in fit.names]
-    added[np.ix_(index, index)] = sum(p * x.spans(x.scored.shifts, n) for x, n, p in some)
+    shifts = together.side_by_side([x.scored.shifts for x in each])[k]
+    spans = together.added((k, p), shifts, whole, np.ones_like(whole))
+    added[np.ix_(index, index)] = np.tensordot(share[k, p], spans, 1)
+    some = [(each[j], numbers[j], float(share[j, 0])) for j in k]
     return Average(added, widest(some, fit.names, fit.views))
 
 
@@ -200,8 +224,7 @@ def widest(
     grown = np.array([p * np.diag(x.spans(x.scored.moves, n)) for x, n, p in some])
     k = int(np.argmax(grown.sum(axis=0)))
     wider, (x, numbers, share) = float(np.sqrt(1 + grown[:, k].sum())), some[int(np.argmax(grown[:, k]))]
-    what = x.say(numbers)
-    if wider < WIDER or not what:
+    if wider < WIDER or not (what := x.say(numbers)):
         return None
     moves = dict(zip(names, (x.scored.moves @ x.mean(numbers)).tolist(), strict=True))
     logs = () if x.term.log is None else (views[x.term.log].trial.log.name,)

@@ -1,6 +1,6 @@
 """What effects do to logs to first order: a `Term` for each place of their other numbers."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,43 +18,25 @@ EXACT = 1e-300  # of them, as of a number without an error
 WITHIN = 2.0  # prior standard deviations; a larger number is of something else
 
 
-Places = Mapping[Effect, Mapping[int | None, Collection[int]]]
-
-
 def of_effects(
-    views: Mapping[int, View],
-    about: About,
-    effects: Sequence[Effect] = EFFECTS,
-    places: Places | None = None,
+    views: Mapping[int, View], about: About, effects: Sequence[Effect] = EFFECTS
 ) -> Iterator[Term]:
-    """All that these effects may be in the logs: in each for itself, or in all that show them. `places`: of
-    each effect and log (None: all that show it) the only places that are asked for."""
+    """All that these effects may be in the logs: in each for itself, or in all that show them."""
     for effect in effects:
         shown = {i: v for i, v in views.items() if effect.shows(v.trial)}
-        whole = effect.scope == "plate"
-        for group in [shown] if whole else [{i: v} for i, v in shown.items()]:
-            log = next(iter(group)) if len(group) == 1 else None
-            asked = None if places is None else places[effect].get(log, ())
-            if group and (asked is None or asked):
-                yield from _terms(effect, group, log, about, asked)
+        for group in [shown] if effect.scope == "plate" else [{i: v} for i, v in shown.items()]:
+            if group:
+                yield from _terms(effect, group, next(iter(group)) if len(group) == 1 else None, about)
 
 
-def _terms(
-    effect: Effect,
-    views: Mapping[int, View],
-    log: int | None,
-    about: About,
-    asked: Collection[int] | None,
-) -> Iterator[Term]:
-    """Of one effect in these logs, at all places or those `asked` for. A coefficient is one of its `linear`
-    numbers in prior standard deviations; where it has none, 1 is all that it does."""
+def _terms(effect: Effect, views: Mapping[int, View], log: int | None, about: About) -> Iterator[Term]:
+    """Of one effect in these logs, at all places. A coefficient is one of its `linear` numbers in prior
+    standard deviations; where it has none, 1 is all that it does."""
     view = next(iter(views.values()))
     stds = effect.stds(view.trial, about)
     places = np.zeros((1, len(stds))) if effect.places is None else effect.places(view.trial, about)
     name = f"{view.trial.log.name}: " if len(views) == 1 else ""
     for k, values in enumerate(places):
-        if asked is not None and k not in asked:
-            continue
         shapes, shown = _shapes(effect, views, values, stds, about)
         if not shapes:
             continue

@@ -320,8 +320,9 @@ class Linear:
         beside[self.names.index(term.beside[0])] = term.beside[1] * scored.values[0]
         return scored._replace(shifts=scored.shifts + beside, moves=scored.moves + beside / self.std[:, None])
 
-    def rows(self, term: Term, scored: Scored) -> np.ndarray:
-        """(R, r) whose products with a residual's rows (R,) of all logs are a term's numbers."""
+    def rows(self, term: Term, scored: Scored) -> tuple[np.ndarray, np.ndarray]:
+        """(R, r) whose products with a residual's rows (R,) of all logs are the numbers of a term with that
+        test; (p, r) what they move, in standard deviations of the parameters."""
         added = self._added(term)
         assert added is not None
         axes = added.scale[:, None] * scored.values
@@ -329,7 +330,7 @@ class Linear:
         rows = [-jacobian @ shift for jacobian in self.jacobians]
         for i, (shapes, which) in added.rows.items():
             rows[i] += shapes @ scored.values[which]
-        return np.concatenate(rows)
+        return np.concatenate(rows), -self.reported @ shift / self.std[:, None]
 
     def worth(self, term: Term, chance: float) -> Found | None:
         """The term with its gain in log-likelihood and what it moves; None when it is worth no more than

@@ -6,7 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect
+from sysid.effects.effect import About
 from sysid.verdict.between import between
 from sysid.verdict.firstorder import of_effects
 from sysid.verdict.moments import moments
@@ -34,21 +34,6 @@ def terms(views: list[View], free: Sequence[str], about: About, away: float) -> 
             of_effects(dict(enumerate(views)), about),
         )
     )
-
-
-def of_some(
-    views: list[View], free: Sequence[str], about: About, away: float, asked: Sequence[Term]
-) -> list[Term]:
-    """Of what is tried of these views the terms that are `asked` for, as they are of others; of what is no
-    effect all of the same log, or of all logs, or between these; none of what logs have alike."""
-    places: dict[Effect, dict[int | None, set[int]]] = {}
-    for effect, place, log in ((*t.source, t.log) for t in asked if t.source is not None):
-        places.setdefault(effect, {}).setdefault(log, set()).add(place)
-    logs = {t.log for t in asked if t.source is None and not (t.between or t.parts)}
-    found = list(between(views, free)) if any(t.between for t in asked) else []
-    found += [t for i in logs if i is not None for t in _of_one(i, views[i])]
-    found += of_all(views, away, free) if None in logs else ()
-    return [*found, *of_effects(dict(enumerate(views)), about, list(places), places)]
 
 
 def _of_one(i: int, view: View) -> Iterator[Term]:
