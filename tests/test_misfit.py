@@ -673,3 +673,43 @@ def test_an_amplitude_without_a_frequency_that_was_driven_beside_the_resonance_i
         fit = sysid.fit([replace(log, frequency=None, temperature=None)], nuisances=among("rows_lost"))
         assert fit.result is Result.misfit
         assert [f.key for f in fit.findings if f.outcome == "refused"] == ["off_resonance"]
+
+
+def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench):
+    """A feedthrough and a lateness that cancel make up for a gain: with them a log that is turned is
+    described, as it is unturned, and no better."""
+    given = {"frequency": bench.plant.f0, "dt": 5e-5, "volts": np.repeat([0.0, 100.0], [40, 440])}
+    logs = [
+        replace(log, name=f"step {k}", response=gain * log.response)
+        for k, gain in enumerate((1.0, 1.03, 0.97, 1.06, 1.0))
+        for log in (bench.transient(seed=80 + k, **given),)
+    ]
+    (found,) = (f for f in sysid.fit(logs).findings if f.outcome == "refused")
+    assert found.key == "odd" and "G contradicts the other logs" in found.sentence
+
+
+def test_a_step_that_is_late_does_not_contradict_the_others():
+    """Alone it is described by a gain 1.25 times as large, with an error that spans that it may be late: it
+    is, which is fitted."""
+    plant = sysid.Plant(0.02, 1.669e-3, 32300.0, -10.0)
+    late = 0.25 * plant.tau
+
+    def step(seed, drive, rows, beside, temperature):
+        at, length = 0.7 * plant.tau, 7 * plant.tau
+        warm = plant.f0 + plant.k_T * (temperature - plant.reference_temperature)
+        inputs = {
+            "drive": sysid.Profile(np.array([0, at]), np.array([0.0, drive])),
+            "frequency": sysid.Profile.constant(warm + beside / (2 * np.pi * plant.tau)),
+            "temperature": sysid.Profile.constant(temperature),
+        }
+        noise = EFFECTS["white_noise"](std=0.003 * plant.G * drive)
+        return Scene(plant, inputs, rows, rows / length, (EFFECTS["delay"](time=late), noise)).simulate(seed)
+
+    logs = step(6, 100.0, 300, 0.49, 28.8), step(7, 100.0, 800, 1.12, 24.0), step(8, 43.0, 800, 0.92, 24.0)
+    fit = sysid.fit([replace(logs[0], name="first"), replace(logs[1], name="late", bench={}), logs[2]])
+    (found,) = (f for f in fit.findings if f.outcome == "fitted")
+    assert (found.key, found.logs, fit.result) == ("delay", ("late",), Result.successful)
+    assert found.numbers["delay_s"].value == pytest.approx(late, abs=4 * found.numbers["delay_s"].std)
+    for name in ("G", "tau", "f0"):
+        value = fit.parameters[name]
+        assert abs(value.value - getattr(plant, name)) < 4 * value.std
