@@ -33,11 +33,11 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
     next to nothing is left beside what they differ by; all, where each is described by itself; else None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
-    each = [_alone(minimiser, (t,)) for t in trials] if len(trials) > 2 else []
+    each = [_alone(minimiser, (t,), together) for t in trials] if len(trials) > 2 else []
     told = _told(minimiser, each, together) if each else {}
     for odd in _splits(trials, together, told):
         parts = [[k for k in range(len(trials)) if (k in odd) is own] for own in (True, False)]
-        alone, rest = (_alone(minimiser, tuple(trials[k] for k in part)) for part in parts)
+        alone, rest = (_alone(minimiser, tuple(trials[k] for k in part), together) for part in parts)
         beside = PROMISES * (alone.likelihood + rest.likelihood - together.likelihood)
         found = _contradiction(minimiser, trials, odd, alone, rest)
         if found and all(described(minimiser, part, beside) for part in (alone, rest)):
@@ -51,10 +51,10 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
     return None
 
 
-def _alone(minimiser: Minimiser, trials: tuple[Trial, ...]) -> State:
-    """What these logs say by themselves, whose errors span what they may hold and do not show, as a delay of
-    a lone step."""
-    state = minimiser.minima(trials)[0]
+def _alone(minimiser: Minimiser, trials: tuple[Trial, ...], together: State) -> State:
+    """What these logs say by themselves, of images of a plate the one that is nearest to what all say. Its
+    errors span what they may hold and do not show, as a delay of a lone step."""
+    state = min(minimiser.minima(trials), key=lambda s: abs(s.named.f0 - together.named.f0))
     hints = misfits(state, minimiser.reference, minimiser.free, None).average(state, minimiser.reference)
     return replace(state, dispersion=hints.covariance)
 
