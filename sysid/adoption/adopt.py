@@ -34,9 +34,10 @@ from sysid.verdict.unexplained import left_of, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs
-# of what the best one gains to first order: those that gain more are tried first. Of 150 simulated benches,
-# each with one of nine effects that was up to three half bandwidths, or 0.8 time constants, large, the true
-# one gained 0.53 of it or more; of sweeps too fast it may be hardly more than PROMISES
+# of what the best one gains to first order: those that gain more are tried first. Of 60 simulated benches,
+# each with a softening, a filter, a delay, a second mode or an image, of up to three half bandwidths or 0.8
+# time constants, the true one gained 0.53 of it or more; of sweeps too fast it may be hardly more than
+# PROMISES
 LIKELY = 0.25
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
