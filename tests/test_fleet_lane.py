@@ -14,9 +14,10 @@ from sysid.effects.effect import About
 from sysid.fleet import arrays, lane
 from sysid.fleet.groups import Group
 from sysid.fleet.lane import cells_of, fit_together, layout, rows_of
+from sysid.fleet.near import AXES
 from sysid.fleet.plate import row_of
 from sysid.fleet.settings import Settings
-from sysid.fleet.template import AXES, BESIDE, Template
+from sysid.fleet.template import BESIDE, Template
 from sysid.model.theta import NAMES
 from sysid.verdict.linear import Linear
 from sysid.verdict.terms import terms

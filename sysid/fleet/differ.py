@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import gammaincc
 
 from sysid.fleet.batch import Batch, Reduced, both, narrow, sized, solved
+from sysid.fleet.near import FREE
 from sysid.fleet.screen import cancelling
-from sysid.fleet.template import FREE
 from sysid.verdict.differing import ALARM, CHANCE, COMPARED, TOLD, Differ, Said, sentence
 
 

@@ -16,7 +16,8 @@ from sysid.fleet.arrays import Rows, on_rows, there
 from sysid.fleet.batch import Batch, Reduced, both
 from sysid.fleet.closed import Block, Step, column, made
 from sysid.fleet.delayed import shares
-from sysid.fleet.template import AXES, BESIDE, PHASES, Template
+from sysid.fleet.near import AXES, PHASES
+from sysid.fleet.template import BESIDE, Template
 from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails

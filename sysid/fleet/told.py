@@ -9,10 +9,10 @@ import numpy as np
 
 from sysid.fleet.batch import Batch
 from sysid.fleet.groups import Group
+from sysid.fleet.near import FREE
 from sysid.fleet.plate import BY_BATCH, TRACED, Row, blank, stated, traces
 from sysid.fleet.screen import Cells, Screened
 from sysid.fleet.settings import Settings
-from sysid.fleet.template import FREE
 from sysid.verdict.differing import Said
 from sysid.verdict.result import NORMAL95
 
@@ -73,11 +73,7 @@ def told(
                 "nrmse_percent": float(percents[k]),
                 "warnings": [*alarms, *(hinted if same else ()), *(f["sentence"] for f in (*doubts, *late))],
                 "findings": [*doubts, *late, *spanned],
-                "notes": [
-                    *(batch.notes[p] if batch.notes else ()),
-                    *notes,
-                    *(() if same else hinted),
-                ],
+                "notes": [*(batch.notes[p] if batch.notes else ()), *notes, *(() if same else hinted)],
                 "traces": [
                     {"name": log.name, **each[k]}
                     for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)

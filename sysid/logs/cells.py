@@ -16,7 +16,8 @@ _MARKS = str.maketrans({"−": "-", "\u00a0": "'", "\u202f": "'", "’": "'"})
 # Thousands beside a fraction, in two groups or more, or behind a mark that is never a decimal one.
 _THOUSANDS = {
     decimal: re.compile(
-        rf"[+-]?[1-9]\d{{0,2}}(({group}\d{{3}})+{point}\d*|({group}\d{{3}}){{2,}}|('\d{{3}})+({point}\d*)?)([eE][+-]?\d+)?"
+        rf"[+-]?[1-9]\d{{0,2}}(({group}\d{{3}})+{point}\d*|({group}\d{{3}}){{2,}}|('\d{{3}})+({point}\d*)?)"
+        r"([eE][+-]?\d+)?"
     )
     for decimal, point, group in ((".", r"\.", ","), (",", ",", r"\."))
 }

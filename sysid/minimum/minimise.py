@@ -262,10 +262,8 @@ class Minimiser:
         told = np.array([trials[i].noise.told for logs in members for i in logs])
         information = _informed(freedom, told[:, None, None] * held, inverse)
         alone, covariance = self._covariances(information, directions)
-        volume = _volume(seen.found, members)
-        return State(
-            theta, covariance, trials, models, float(cost), volume, converged, low_q, alone, self.prior
-        )
+        at = theta, covariance, trials, models, float(cost), _volume(seen.found, members)
+        return State(*at, converged, low_q, alone, self.prior)
 
     def _covariances(self, information: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(6, 6) of theta: from the logs alone, whose information along the directions is given, and with the

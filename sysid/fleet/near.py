@@ -1,0 +1,191 @@
+"""What the single fit tries of a plate in one place: each term with its score test, linearised about a plate
+that is simulated there, nearly without noise."""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid import reading
+from sysid.effects.effect import About
+from sysid.effects.sensor import SATURATIONS
+from sysid.fleet.closed import Block, column
+from sysid.logs.log import Log
+from sysid.minimum.minimise import State
+from sysid.model.span import inverted
+from sysid.model.theta import NAMES
+from sysid.trials.trial import Trial, with_noise
+from sysid.verdict.averaged import Allowed, Kind, spanned
+from sysid.verdict.firstorder import of_effects
+from sysid.verdict.linear import Linear, Scored, chances_of
+from sysid.verdict.term import Term, together
+from sysid.verdict.terms import terms
+from sysid.verdict.view import View
+
+FREE = ("G", "tau", "f0")  # what a layout's logs determine
+PHASES = 4  # of a quarter turn, by which channels that saturate each look different
+AXES = 3  # of a cell: time constant, detuning, and how wide narrowed priors are
+LEFT = 0.1  # of a test's squared size in the middle: where it would be less, slopes do not tell how much
+LEAST = 0.125  # power of the noise of plates of a cell, over the cell's: of one of several logs
+QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
+CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
+
+
+@dataclass(frozen=True, eq=False)
+class Trying:
+    """One term with its test: by `chance` it is worth as much; `phase` (log, place) if only in logs whose
+    rotation is near that; `allowed` where errors span it. How the test changes along the axes of a cell: what
+    it moves, `moves` (AXES, 3, r); and the products of its rows, of these and of their changes, `products`
+    (r, 1 + AXES, 1 + AXES)."""
+
+    term: Term
+    scored: Scored
+    chance: float
+    phase: tuple[int, int] | None = None
+    allowed: Allowed | None = None
+    moves: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    products: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+
+    @property
+    def kind(self) -> Kind:
+        return self.term.name, self.term.log
+
+    @property
+    def place(self) -> tuple:
+        """By which it is the same in plates that are nearly alike."""
+        source, parts = self.term.source, tuple(t.log for t in self.term.parts)
+        return *self.kind, self.phase, parts, None if source is None else (source[0].name, source[1])
+
+    def light(self) -> "Trying":
+        """Without the arrays over the rows, which the template has side by side."""
+        term = replace(self.term, shapes={})
+        allowed = Allowed(term, self.scored) if spanned(term, self.scored, LEAST) else None
+        return replace(self, term=term, allowed=allowed)
+
+    def at(self, away: np.ndarray) -> Scored:
+        """The test of a plate that is so far away (AXES,) from the middle."""
+        size, scored = 1 / size_of(self.products, away[None])[0], self.scored
+        moves = (scored.moves + np.tensordot(away, self.moves, 1)) * size
+        return scored._replace(values=scored.values * size, moves=moves, usual=scored.usual / size**2)
+
+
+class Near(NamedTuple):
+    """All that is tried of plates in one place: the linearised fit there, each term with its chance, and the
+    logs."""
+
+    fit: Linear
+    tried: list[Trying]
+    views: list[View]
+
+    @classmethod
+    def of(cls, state: State, views: list[View], reference: tuple[float, float]) -> "Near":
+        """Of the logs at a minimum."""
+        fit, about = Linear(views, state, list(FREE), 0.0), About.of(state, reference)
+        every = terms(views, FREE, about, 0.0)
+        fit.look(every)
+        alike = list(together([t for t in every if t.alike and fit.tells(t)])) if len(views) > 1 else []
+        chances = [*chances_of(every), *(chances_of(alike, len(every)) if alike else ())]
+        known: list[tuple[Term, float, tuple[int, int] | None]] = [
+            (t, chance, None)
+            for t, chance in zip([*every, *alike], chances, strict=True)
+            if t.name not in CHANNELS or t.parts
+        ]
+        of_each = {(t.name, t.log): chance for t, chance in zip(every, chances, strict=False)}
+        for i, view in enumerate(views):
+            known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about)]
+        fit.look([t for t, _, phase in known if phase is not None])
+        scored = zip(known, fit.scored([t for t, *_ in known]), strict=True)
+        return cls(fit, [Trying(t, s, chance, phase) for (t, chance, phase), s in scored if s], views)
+
+
+def size_of(products: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """(P, q) size of rows with these products (q, 1 + AXES, 1 + AXES), so far `away` (P, AXES)."""
+    along = np.concatenate([np.ones((len(away), 1)), away], axis=1)
+    both = (along[:, :, None] * along[:, None]).reshape(len(away), (1 + AXES) ** 2)
+    return np.sqrt(np.maximum(both @ products.reshape(len(products), -1).T, LEFT))
+
+
+def matched(middle: Near, other: Near) -> list[Term | None]:
+    """Of what is tried in the middle the same beside it, each in its place; None where there is none."""
+    left: dict[tuple, list[Term]] = {}
+    for x in other.tried:
+        left.setdefault(x.place, []).append(x.term)
+    return [left[x.place].pop(0) if left.get(x.place) else None for x in middle.tried]
+
+
+def simulated(logs: Sequence[Log], models: Sequence[np.ndarray], levels: Sequence[float]) -> list[Log]:
+    """The logs as if they were of these models, nearly without noise."""
+    rng = np.random.default_rng(0)
+    return [
+        replace(log, response=m + QUIET * s * (rng.standard_normal((2, len(m))).T @ (1, 1j)))
+        for log, m, s in zip(logs, models, levels, strict=True)
+    ]
+
+
+def models_at(blocks: Sequence[Block], theta: np.ndarray) -> list[np.ndarray]:
+    """The response of each log of the one plate of these blocks at `theta` (3,), without a bench."""
+    for block in blocks:
+        block.look(theta[None], np.ones(1, complex), np.zeros_like(block.prior, complex))
+    return [column(block, 0)[0] for block in blocks]
+
+
+def narrowed(trials: Sequence[Trial], theta: np.ndarray, narrow: float) -> tuple[Trial, ...]:
+    """The trials with a feedthrough and a lateness of a step no wider than that (`coincidence.tightened`)."""
+    if narrow == np.inf:
+        return tuple(trials)
+    found = []
+    for trial in trials:
+        rise = np.exp(theta[0] - theta[1]) * np.max(np.abs(trial.inputs.drive))
+        sizes = {} if trial.steady else {"feedthrough": narrow, "lateness": narrow / rise}
+        found.append(trial.with_bench(narrow=sizes))
+    return tuple(found)
+
+
+def state_at(
+    theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], levels: Sequence[float]
+) -> tuple[State, list[View], tuple[float, float]]:
+    """A minimum at `theta` (3,) with noise of these levels and the covariance that its logs leave, the logs
+    there, and what frequencies and temperatures are counted from."""
+    reference, at = reading.reference(trials), np.zeros(len(NAMES))
+    at[:3] = theta - (0.0, 0.0, reference[0])
+    trials = tuple(with_noise(t, s, 0.0) for t, s in zip(trials, levels, strict=True))
+    return *_minimum(at, trials, models, reference), reference
+
+
+def _minimum(
+    theta: np.ndarray, trials: tuple[Trial, ...], models: Sequence[np.ndarray], reference: tuple[float, float]
+) -> tuple[State, list[View]]:
+    """That of these trials at theta."""
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    state = State(theta, covariance, trials, tuple(models), 0.0, 0.0, True, False, covariance)
+    views = View.each(state, reference)
+    jacobians = [v.jacobian[:, :3] for v in views]
+    covariance[:3, :3] = inverted(sum(j.T @ j for j in jacobians))
+    return replace(state, covariance=covariance, alone=covariance), views
+
+
+def _turned(i: int, view: View, about: About) -> list[tuple[Term, tuple[int, int] | None]]:
+    """Effects of single channels of one log, in the plate's frame: they look different as the demodulator is
+    turned, for each of PHASES rotations."""
+    found: list[tuple[Term, tuple[int, int] | None]] = []
+    turns, log, each = [np.exp(0.5j * np.pi * k / PHASES) for k in range(PHASES)], view.trial.log, []
+    for turn in turns:
+        turned = copy(view)
+        turned.trial = replace(view.trial, log=log.again(turn * log.response))
+        turned.model, turned.turn = turn * view.model, turn * view.turn
+        turned.__dict__.pop("ideal", None), turned.__dict__.pop("base", None)
+        each.append(
+            [
+                replace(t, shapes={i: turn.conjugate() * t.shapes[i]})
+                for t in of_effects({i: turned}, about, SATURATIONS)
+            ]
+        )
+    for same in zip(*each, strict=True):
+        first = same[0].shapes[i]
+        if np.allclose(same[1].shapes[i], first, rtol=0, atol=1e-9 * float(np.max(np.abs(first)))):
+            found.append((same[0], None))
+        else:
+            found += [(t, (i, k)) for k, t in enumerate(same)]
+    return found
