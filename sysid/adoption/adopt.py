@@ -103,8 +103,9 @@ class _Adoption:
         ends: list[Description] = []
         for some in here:
             if some and not (ends and ends[0].sense and ends[0].white and self.ahead(ends[0])):
-                ends = sorted([*ends, *self.search.ends(before, some, count)], key=lambda d: -d.evidence)
-        self.alone += ends if before is None else []
+                found = self.search.ends(before, some, count)
+                self.alone += found if before is None else []
+                ends = sorted([*ends, *found], key=lambda d: -d.evidence)
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
         for best in (d for d in ends if d.sense and d.evidence >= least):
             done = self.search.finished(best) if self.ahead(best) else best
