@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.logs.cells import Dialect
-from sysid.logs.csvbody import read_body
-from sysid.logs.csvfile import LogError, read_head
-from sysid.logs.units import convert
+from sysid.tables.cells import Dialect
+from sysid.tables.csvbody import read_body
+from sysid.tables.csvfile import LogError, read_head
+from sysid.tables.units import convert
 
 LEAST = 3  # rows
 

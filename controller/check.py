@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
+from sysid.columns.metadata import stated
 from sysid.logs.log import Log, LogError
-from sysid.logs.metadata import stated
 
 BAND = 0.05  # about the last amplitude, within which it counts as settled
 LAST = 0.2  # share of the rows that are its end

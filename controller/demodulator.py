@@ -5,10 +5,10 @@ theta}] is
 
     w = -Wd cos p + Wq sin p,     Wd + j Wq = mean of -2 w e^{-jp}.
 
-The mean is that of `order` one-pole filters  y <- y + share (x - y), as `sysid.logs.lockin.low_pass` has
-them: without a block or a division, it may be read at any time. Of the image at twice the carrier (|H(2
-omega)|)^order is left. W is late by `delay`: by the filters', and by the age of the last sample when it is
-read.
+The mean is that of `order` one-pole filters  y <- y + share (x - y), as those of
+`sysid.demodulation.lockin.low_pass`: without a block or a division, it may be read at any time. Of the image
+at twice the carrier (|H(2 omega)|)^order is left. W is late by `delay`: by the filters', and by the age of
+the last sample when it is read.
 """
 
 import math

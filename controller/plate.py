@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid.logs.metadata import stated
+from sysid.columns.metadata import stated
 
 
 class Known(NamedTuple):

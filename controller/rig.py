@@ -271,7 +271,7 @@ class _Reader:
         self, prefix: str, values: dict[str, Any], units: dict[str, str], words: dict[str, Any]
     ) -> dict[str, Any]:
         """Numbers in `units`, by the longest name that a key begins with; one of the `words` of a name."""
-        from sysid.logs.units import convert, did_you_mean, same_kind
+        from sysid.tables.units import convert, did_you_mean, same_kind
 
         found: dict[str, Any] = {}
         names = sorted(units, key=len, reverse=True)

@@ -19,7 +19,7 @@ ROOT = HERE.parent
 sys.path.insert(0, str(ROOT))  # the package beside these pages, installed or not
 
 from sysid import __version__  # noqa: E402
-from sysid.logs.preset import PREFIX, Preset, presets  # noqa: E402
+from sysid.columns.preset import PREFIX, Preset, presets  # noqa: E402
 
 project, release, html_title = "sysid", __version__, f"sysid {__version__}"
 extensions = ["myst_nb", "sphinx.ext.autodoc"]

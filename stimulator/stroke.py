@@ -53,7 +53,7 @@ class Stroke:
         """
         import pandas as pd
 
-        from sysid.logs import units
+        from sysid.tables import units
 
         try:
             frame = pd.read_csv(path, comment="#", skipinitialspace=True)

@@ -23,9 +23,9 @@ from pathlib import Path
 from typing import Any
 
 from stimulator.stroke import Stroke
-from sysid.logs import units
 from sysid.scene.scene import Scene
 from sysid.scene.toml import Reader, read
+from sysid.tables import units
 
 PARTS = ("stroke", "finger", "forces", "texture", "friction", "loop", "observer")
 TOP = ("name", "plate_scene", "plate_mm", "seed", *PARTS)

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from stimulator.errors import StimulatorError, refuse
-from sysid.logs import units
 from sysid.logs.log import Log
 from sysid.scene.effects import Delay, FingerDamping, Inverter, LockIn
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
+from sysid.tables import units
 
 PLATE = (198.0, 138.0)  # mm, of the paper
 BATCH = 256  # touches that are held at a time

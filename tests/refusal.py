@@ -2,11 +2,11 @@
 
 import pytest
 
-from sysid.logs.cells import Dialect
-from sysid.logs.files import open_head
+from sysid.columns.unknown import drafted
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
-from sysid.logs.unknown import drafted
+from sysid.tables.cells import Dialect
+from sysid.tables.head import open_head
 
 
 def refused(paths, *words, **options):

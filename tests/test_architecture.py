@@ -19,9 +19,11 @@ kept
 precision
 shell
 shown
-logs       densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody compound store hdf matlab arrays arrow audio tdms
-           jsonlines uff touchstone citi files preset plan signal mapping mapfile capture opening missing filled stated timed labels
-           columns roles draft found metadata unknown synonyms header lockin switched carrier waveform benchwords together within doubts copies log read alike taken written made
+tables     densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody compound store hdf matlab
+           arrays arrow audio tdms jsonlines uff touchstone citi head
+columns    preset plan signal mapping mapfile labels survey roles draft found metadata unknown synonyms header
+demodulation  lockin switched carrier waveform
+logs       capture opening missing filled stated timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew

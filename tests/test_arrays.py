@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from refusal import draft_of, refused
 
-from sysid.logs import store
 from sysid.logs.read import read_logs
+from sysid.tables import store
 
 F = 32000.0 + 10.0 * np.arange(40)
 Z = 0.05 / (1 + 2j * np.pi * (F - 32200.0) * 1.6e-3)

@@ -15,7 +15,7 @@ from controller import Rig
 from controller.actuator import Adc
 from controller.demodulator import IMAGE, Demodulator, Turn, cosine_and_sine
 from controller.scalar import typed
-from sysid.logs.lockin import low_pass
+from sysid.demodulation.lockin import low_pass
 
 TAU = 5e-3 / math.log(20)
 F0, RATE = 32300.0, 1e6

@@ -6,9 +6,10 @@ import pytest
 from refusal import refused
 
 import sysid
-from sysid.logs import densities, labels, units
+from sysid.columns import labels
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
+from sysid.tables import densities, units
 
 F0, TAU = 75000.0, 2e-3
 F = np.linspace(F0 - 400, F0 + 400, 101)

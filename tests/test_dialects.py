@@ -10,10 +10,10 @@ import pytest
 from refusal import refused
 
 from sysid.fitting import fit
-from sysid.logs import csvbody
-from sysid.logs.cells import to_number
 from sysid.logs.read import read_logs
-from sysid.logs.stamps import seconds_since
+from sysid.tables import csvbody
+from sysid.tables.cells import to_number
+from sysid.tables.stamps import seconds_since
 from sysid.verdict.result import Result
 
 NOON = datetime.datetime(2024, 3, 1, 12)

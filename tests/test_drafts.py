@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from refusal import draft_of, refused
 
-from sysid.logs.labels import parse
+from sysid.columns.labels import parse
 from sysid.logs.read import read_logs
 
 F = np.arange(31800.0, 32801.0, 20.0)

@@ -17,9 +17,9 @@ import pytest
 from refusal import draft_of, refused
 from test_drafts import answered, asked
 
-from sysid.logs import csvbody, store
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
+from sysid.tables import csvbody, store
 
 F = np.arange(31800.0, 32801.0, 20.0)
 S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)

@@ -16,11 +16,11 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import sysid
-from sysid.logs.carrier import strongest
-from sysid.logs.lockin import blocks, lock_in, low_pass
+from sysid.demodulation.carrier import strongest
+from sysid.demodulation.lockin import blocks, lock_in, low_pass
+from sysid.demodulation.waveform import demodulate
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
-from sysid.logs.waveform import demodulate
 from sysid.scene import EFFECTS
 from sysid.scene.carrier import waveform, write_waveform
 

@@ -15,10 +15,10 @@ from hypothesis.extra import numpy as arrays
 from refusal import refused
 
 from sysid import fit
-from sysid.logs import csvbody, units
 from sysid.logs.log import Log, LogError
 from sysid.logs.read import read_logs
 from sysid.logs.written import write_log
+from sysid.tables import csvbody, units
 
 HEADER = "time_s,voltage_V,frequency_Hz,wd_um,wq_um\n"
 ROWS = "0.0,5.0,32300.0,0.0,0.0\n0.1,5.0,32300.0,0.25,-0.5\n0.2,4.0,32300.0,0.5,-0.25\n"

@@ -11,7 +11,7 @@ import pytest
 import refusal
 from refusal import changed
 
-from sysid.logs import mapfile, mapping
+from sysid.columns import mapfile, mapping
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
 

@@ -15,9 +15,9 @@ from test_files import citi, one_port, touchstone
 from test_layouts import blocks_e4990a, labone, named_4294a, one_table, raw_4294a
 
 import sysid
+from sysid.columns import preset
+from sysid.columns.mapfile import load_mapping
 from sysid.command import presets as command
-from sysid.logs import preset
-from sysid.logs.mapfile import load_mapping
 from sysid.logs.read import read_logs
 
 F0, TAU = 32300.0, 1.67e-3

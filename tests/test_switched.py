@@ -6,8 +6,8 @@ import pytest
 
 import sysid
 from sysid import Result
-from sysid.logs.csvfile import LogError
-from sysid.logs.waveform import demodulate
+from sysid.demodulation.waveform import demodulate
+from sysid.tables.csvfile import LogError
 
 G, TAU, F0 = 0.01, 1.67e-3, 32300.0
 FAR = 4.0  # standard deviations: by chance in one of 16 000

@@ -18,9 +18,9 @@ import zipfile
 import numpy as np
 import pytest
 
-from sysid.logs import csvbody, csvfile, textfile
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
+from sysid.tables import csvbody, csvfile, textfile
 
 NAMES = ("time", "voltage", "frequency", "wd", "wq")
 UNITS = ("s", "V", "Hz", "um", "um")

@@ -9,7 +9,7 @@ import numpy as np
 import pint
 import pytest
 
-from sysid.logs import units
+from sysid.tables import units
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_units_of_one_kind():
 
 def test_the_usual_units_do_not_load_pint():
     code = (
-        "import sys; from sysid.logs import units;"
+        "import sys; from sysid.tables import units;"
         "[units.check_unit(*pair) for pair in (('time', 's'), ('frequency', 'Hz'), ('voltage', 'V'), ('wd',"
         " 'um'))];"
         "assert not {'pint', 'pandas'} & set(sys.modules)"

@@ -56,7 +56,7 @@ def _option(name: str) -> str:
 
 def columns_of() -> list[str]:
     """What `--columns` may be beside a file: the presets."""
-    from sysid.logs.preset import PREFIX, presets
+    from sysid.columns.preset import PREFIX, presets
 
     return [f"{PREFIX}{name}" for name in presets()]
 

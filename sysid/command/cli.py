@@ -77,7 +77,7 @@ def _identify(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace, stages: "Stages", budget: "Budget") -> int:
     from sysid.command import outputs
-    from sysid.logs.textfile import LogError
+    from sysid.tables.textfile import LogError
 
     folder = Path(arguments.folder)
     try:

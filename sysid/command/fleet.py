@@ -124,7 +124,7 @@ def _jobs(text: str) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     from sysid.fleet.engine import EngineError
     from sysid.fleet.run import fit_fleet
-    from sysid.logs.textfile import LogError
+    from sysid.tables.textfile import LogError
 
     told = ("by", "folder", "jobs", "scheduler", "accuracy", "full", "shrink", "seed", "columns")
     names = (*told, "reference_temperature")

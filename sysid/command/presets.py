@@ -15,7 +15,7 @@ from sysid.shell import called, completed, reader
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command with `argv` (None: the process's own arguments) and return its exit code."""
     arguments = _parser().parse_args(argv)
-    from sysid.logs.preset import named, presets
+    from sysid.columns.preset import named, presets
 
     with reader():
         if arguments.name is not None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sysid.columns.mapping import MappingFile
+from sysid.columns.metadata import stated
 from sysid.logs.alike import Alike
 from sysid.logs.log import Log
-from sysid.logs.mapping import MappingFile
-from sysid.logs.metadata import stated
 from sysid.logs.opening import expanded, opened
-from sysid.logs.textfile import LogError
+from sysid.tables.textfile import LogError
 
 PLATE, FOLDER = "plate", "folder"  # ways of `by`; any other is a pattern
 # Endings of logs, which a folder holds beside other files; behind them may stand that of a packed one.

@@ -11,8 +11,8 @@ from scipy.special import ndtr
 from sysid.fleet.halves import Halves, halves
 from sysid.fleet.robust import Lot, lot
 from sysid.fleet.tails import Tails, tails
-from sysid.logs import units
 from sysid.model.theta import PLANT, POSITIVE
+from sysid.tables import units
 from sysid.verdict.result import Result
 
 ALARMS = 0.2  # plates of a whole lot that chance alone makes odd, on the average

@@ -14,7 +14,7 @@ import numpy as np
 
 from sysid.fleet.groups import Given, Group, alike
 from sysid.fleet.settings import Settings
-from sysid.logs.textfile import LogError
+from sysid.tables.textfile import LogError
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log

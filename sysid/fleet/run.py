@@ -56,7 +56,7 @@ def fit_fleet(
     there is nothing to fit, OSError where the folder cannot be written, ValueError for a setting that is
     none.
     """
-    from sysid.logs.mapfile import load_mapping
+    from sysid.columns.mapfile import load_mapping
     from sysid.model.prior import checked
 
     _check(nuisances or ())

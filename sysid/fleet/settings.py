@@ -44,7 +44,7 @@ class Settings:
         program's own text. Raises LogError for a mapping file that is none."""
         told = asdict(self) | {"full": self.full is not None}
         if self.columns is not None:
-            from sysid.logs.mapfile import load_mapping
+            from sysid.columns.mapfile import load_mapping
 
             mapping = load_mapping(self.columns)
             told["columns"] = repr((mapping.options, mapping.dialect))

@@ -1,1 +1,1 @@
-"""From a file to a `Log`: text, cells, units and column names, other instruments, raw carriers."""
+"""From the columns of files to a `Log`, and back."""

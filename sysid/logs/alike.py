@@ -16,17 +16,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from sysid.logs import units
-from sysid.logs.cells import NO_NUMBER
-from sysid.logs.csvbody import PLAIN, SMALL, Body
-from sysid.logs.csvfile import SAMPLE, Head, LogError
-from sysid.logs.header import SAMPLES, planned
+from sysid.columns.header import SAMPLES, planned
+from sysid.columns.metadata import stated
+from sysid.columns.plan import Plan
 from sysid.logs.log import Log
-from sysid.logs.metadata import stated
 from sysid.logs.opening import opened
-from sysid.logs.plan import Plan
 from sysid.logs.read import log_of, logs_of, of_one_bench, read_logs, with_response
-from sysid.logs.textfile import unchanged
+from sysid.tables import units
+from sysid.tables.cells import NO_NUMBER
+from sysid.tables.csvbody import PLAIN, SMALL, Body
+from sysid.tables.csvfile import SAMPLE, Head, LogError
+from sysid.tables.textfile import unchanged
 
 ENDINGS = (".csv", ".txt", ".tsv", ".dat")  # other kinds of files are told by theirs
 OWN = ("plate", "date", "serial")  # metadata that each file has for itself, and that change no number

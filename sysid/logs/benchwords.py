@@ -9,13 +9,13 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from difflib import SequenceMatcher
 
-from sysid.logs import units
-from sysid.logs.cells import amount, is_number
-from sysid.logs.csvfile import Head, LogError
-from sysid.logs.mapping import WORDS
-from sysid.logs.metadata import metadata_number, stated
-from sysid.logs.plan import Plan, is_absent
-from sysid.logs.synonyms import LETTERS, SYNONYMS
+from sysid.columns.mapping import WORDS
+from sysid.columns.metadata import metadata_number, stated
+from sysid.columns.plan import Plan, is_absent
+from sysid.columns.synonyms import LETTERS, SYNONYMS
+from sysid.tables import units
+from sysid.tables.cells import amount, is_number
+from sysid.tables.csvfile import Head, LogError
 
 BENCH = ("lockin_tau_s", "lockin_boxcar_s", "delay_s", "settle_s", *units.BENCH_NUMBERS)
 NEAR = 0.85  # likeness of a misspelt key: `samplng` has 0.93, and `place` 0.8 of a plate

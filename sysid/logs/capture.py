@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sysid.logs.cells import listed
-from sysid.logs.csvbody import Body, read_body
-from sysid.logs.csvfile import Head, LogError
-from sysid.logs.files import open_head
-from sysid.logs.mapping import MappingFile
-from sysid.logs.sheet import Sheet
+from sysid.columns.mapping import MappingFile
+from sysid.tables.cells import listed
+from sysid.tables.csvbody import Body, read_body
+from sysid.tables.csvfile import Head, LogError
+from sysid.tables.head import open_head
+from sysid.tables.sheet import Sheet
 
 STEP = 1e-3  # of a step, by which the rows of two files may stand apart: their stamps are rounded
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.logs.cells import listed
-from sysid.logs.plan import Plan
-from sysid.logs.textfile import LogError
+from sysid.columns.plan import Plan
+from sysid.tables.cells import listed
+from sysid.tables.textfile import LogError
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log

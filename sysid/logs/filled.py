@@ -5,12 +5,12 @@ import dataclasses
 
 import numpy as np
 
-from sysid.logs import units
-from sysid.logs.cells import listed
-from sysid.logs.csvbody import Body
-from sysid.logs.csvfile import Head
+from sysid.columns.plan import Plan
 from sysid.logs.missing import all_empty, placed, response_of
-from sysid.logs.plan import Plan
+from sysid.tables import units
+from sysid.tables.cells import listed
+from sysid.tables.csvbody import Body
+from sysid.tables.csvfile import Head
 
 MOVES = 0.5  # of what the drive makes of the response, by which rows show that it is off
 SOON, SLOWER = 1, 1.5  # rows; times those to a quarter of the way, those to half of it

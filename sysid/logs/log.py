@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs import units
-from sysid.logs.csvfile import LogError
 from sysid.logs.timed import decrease_of
 from sysid.shown import Shown
+from sysid.tables import units
+from sysid.tables.csvfile import LogError
 
 __all__ = ["Log", "LogError"]
 

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs.cells import Dialect, listed
 from sysid.logs.doubts import doubted
 from sysid.logs.filled import direct, driven_frequency, not_direct, of_the_driven
 from sysid.logs.log import Log, LogError
 from sysid.logs.read import logs_of
-from sysid.logs.store import Store
 from sysid.logs.within import within
 from sysid.logs.written import label
+from sysid.tables.cells import Dialect, listed
+from sysid.tables.store import Store
 
 SERIES = ("time", "drive", "frequency", "temperature", "force", "std", "theta")
 

@@ -12,12 +12,12 @@ from typing import NoReturn
 
 import numpy as np
 
-from sysid.logs.cells import listed, means_none, split_line
-from sysid.logs.csvbody import Body, refuse_cell
-from sysid.logs.csvfile import Head, LogError
-from sysid.logs.plan import Plan, Source
-from sysid.logs.textfile import open_text
-from sysid.logs.units import DRIVES
+from sysid.columns.plan import Plan, Source
+from sysid.tables.cells import listed, means_none, split_line
+from sysid.tables.csvbody import Body, refuse_cell
+from sysid.tables.csvfile import Head, LogError
+from sysid.tables.textfile import open_text
+from sysid.tables.units import DRIVES
 
 # of the information, at most: each standard error then grows by 1/sqrt(1 - LOST) - 1 = 2.6 % at most
 LOST = 0.05

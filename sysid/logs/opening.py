@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from sysid.columns.mapping import MappingFile
 from sysid.logs.capture import captures, side_by_side
-from sysid.logs.cells import Dialect
-from sysid.logs.csvfile import Head, LogError
-from sysid.logs.files import open_head
-from sysid.logs.mapping import MappingFile
-from sysid.logs.textfile import unchanged
+from sysid.tables.cells import Dialect
+from sysid.tables.csvfile import Head, LogError
+from sysid.tables.head import open_head
+from sysid.tables.textfile import unchanged
 
 
 def groups(paths: str | Path | Iterable[str | Path], mapping: MappingFile | None) -> list[dict[str, str]]:

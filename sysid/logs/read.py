@@ -8,30 +8,30 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs import units
+from sysid.columns.header import INPUTS, counted, planned, table_plan
+from sysid.columns.mapfile import load_mapping
+from sysid.columns.mapping import MappingFile, select_rows
+from sysid.columns.metadata import metadata_number, stated
+from sysid.columns.plan import ERRORS, Plan, Source, is_decibel
+from sysid.columns.signal import decode, is_analysed, lock_in, turned
+from sysid.columns.unknown import not_understood
+from sysid.demodulation.waveform import from_samples, sample_times, uneven
 from sysid.logs.benchwords import bench_of, misread
-from sysid.logs.cells import decimals, listed
 from sysid.logs.copies import once
-from sysid.logs.csvbody import Body, read_body
-from sysid.logs.csvfile import Head, LogError, called
-from sysid.logs.densities import amplitude_of
 from sysid.logs.doubts import doubted, unfolded
 from sysid.logs.filled import Arrays, filled, without_direct
-from sysid.logs.header import INPUTS, counted, planned, table_plan
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
-from sysid.logs.mapfile import load_mapping
-from sysid.logs.mapping import MappingFile, select_rows
-from sysid.logs.metadata import metadata_number, stated
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
-from sysid.logs.plan import Plan, Source, is_decibel
-from sysid.logs.signal import decode, is_analysed, lock_in, turned
-from sysid.logs.stated import ERRORS, errors, read_errors, stated_in
+from sysid.logs.stated import errors, read_errors, stated_in
 from sysid.logs.timed import timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
-from sysid.logs.unknown import not_understood
-from sysid.logs.waveform import from_samples, sample_times, uneven
 from sysid.logs.within import within
+from sysid.tables import units
+from sysid.tables.cells import decimals, listed
+from sysid.tables.csvbody import Body, read_body
+from sysid.tables.csvfile import Head, LogError, called
+from sysid.tables.densities import amplitude_of
 
 logger = logging.getLogger(__name__)
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.

@@ -7,16 +7,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sysid.logs import units
-from sysid.logs.csvbody import Body
-from sysid.logs.csvfile import Head, LogError
-from sysid.logs.densities import amplitude_of
+from sysid.columns.plan import ERRORS, Plan, Source, is_decibel
+from sysid.columns.signal import ampere
 from sysid.logs.missing import refuse_row
-from sysid.logs.plan import Plan, Source, is_decibel
-from sysid.logs.scattered import SCATTERED
-from sysid.logs.signal import ampere
+from sysid.tables import units
+from sysid.tables.csvbody import Body
+from sysid.tables.csvfile import Head, LogError
+from sysid.tables.densities import amplitude_of
+from sysid.tables.scattered import SCATTERED
 
-ERRORS = ("std", "std_q")  # of a response, or of d and of q, which count as one: their mean square is both's
 NEPER = math.log(10) / 20  # of a decibel
 Arrays = Mapping[str, tuple[np.ndarray, str]]
 

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.logs.csvfile import Head, LogError
-from sysid.logs.header import planned
+from sysid.columns.header import planned
+from sysid.columns.mapfile import load_mapping
+from sysid.columns.plan import Plan
 from sysid.logs.log import Log
-from sysid.logs.mapfile import load_mapping
 from sysid.logs.opening import groups, opened
-from sysid.logs.plan import Plan
 from sysid.logs.read import logs_of, of_one_bench
+from sysid.tables.csvfile import Head, LogError
 
 
 @dataclass(frozen=True)

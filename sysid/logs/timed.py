@@ -6,11 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sysid.logs.csvbody import Body
-from sysid.logs.csvfile import Head
+from sysid.columns.plan import Plan
 from sysid.logs.missing import placed, refuse_row
-from sysid.logs.plan import Plan
-from sysid.logs.stamps import DAY, EXAMPLE, coarse, is_clock, is_local, past_midnight
+from sysid.tables.csvbody import Body
+from sysid.tables.csvfile import Head
+from sysid.tables.stamps import DAY, EXAMPLE, coarse, is_clock, is_local, past_midnight
 
 FINER = (
     "a later one than in the row before; record fractions of a second, or say kind: steady where the rows"

@@ -4,11 +4,11 @@ import dataclasses
 import re
 from typing import TYPE_CHECKING
 
-from sysid.logs import units
-from sysid.logs.cells import listed
-from sysid.logs.csvfile import called
-from sysid.logs.metadata import stated
-from sysid.logs.textfile import LogError
+from sysid.columns.metadata import stated
+from sysid.tables import units
+from sysid.tables.cells import listed
+from sysid.tables.csvfile import called
+from sysid.tables.textfile import LogError
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log

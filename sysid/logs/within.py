@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sysid.logs import units
-from sysid.logs.textfile import LogError
+from sysid.tables import units
+from sysid.tables.textfile import LogError
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs import units
 from sysid.logs.benchwords import BENCH
 from sysid.logs.log import Log
+from sysid.tables import units
 
 
 def columns(log: Log) -> dict[str, np.ndarray]:

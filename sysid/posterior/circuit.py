@@ -33,12 +33,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from sysid.effects.number import Number
-from sysid.logs import units
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
 from sysid.model.theta import NAMES, POSITIVE, carried
 from sysid.posterior.estimate import Estimate
 from sysid.shown import Shown
+from sysid.tables import units
 from sysid.verdict.bench import TOLD
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter

@@ -7,12 +7,12 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from sysid.logs.csvfile import LogError
+from sysid.columns.plan import Source
 from sysid.logs.log import Log
-from sysid.logs.plan import Source
 from sysid.logs.taken import Taken
 from sysid.report.screen import console_of, table_of
 from sysid.report.text import clean
+from sysid.tables.csvfile import LogError
 
 UNTOLD = {
     "kind": "steady where its points dwell for four tau, else transient: the fit tells",

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.logs.lockin import lock_in, low_pass
+from sysid.demodulation.lockin import lock_in, low_pass
 from sysid.scene import engine
 from sysid.scene.effects import FrequencyResolution, LockIn, PhaseReset, Quantisation, Saturation
 from sysid.scene.profile import Profile

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from sysid.logs import units
 from sysid.model.plant import Plant
 from sysid.scene.effects import EFFECTS, FingerDamping, SelfHeating
 from sysid.scene.profile import Profile
 from sysid.scene.scene import FIDELITIES, Scene, SceneError
 from sysid.scene.timeline import INPUTS
+from sysid.tables import units
 
 TABLES = ("plant", "log", "inputs", "effects")
 TOP = ("name", "fidelity", "tolerance", "substeps", *TABLES)

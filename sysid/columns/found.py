@@ -1,0 +1,148 @@
+"""A mapping file that leaves columns to be found by their heads, as a preset does, completed for one file."""
+
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from sysid.columns.draft import template
+from sysid.columns.mapfile import RESPONSES, checked
+from sysid.columns.mapping import MappingFile
+from sysid.columns.preset import PREFIX, Preset, named
+from sysid.tables import layout, units
+from sysid.tables.cells import Dialect, listed
+from sysid.tables.csvfile import Head, LogError, read_head
+from sysid.tables.scattered import RATIOS
+
+SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
+RESPONSE = {part for parts in RESPONSES for part in parts} | {"response"}
+
+
+def completed(head: Head, mapping: MappingFile) -> tuple[Head, MappingFile, tuple[str, ...]]:
+    """The head of the file, its traces side by side, the mapping file with all its columns, and what is to be
+    said of it. Raises LogError with a mapping file to go on from where something is still open."""
+    head = joined(head, mapping.dialect)
+    draft = template(head, {**mapping.base, **mapping.options})
+    found = tomllib.loads(draft)
+    options = _merged(mapping, found)
+    responses = RESPONSE if "quantity" not in options else {"x", "magnitude", "response"}
+    if not options["columns"].keys() & responses:
+        names = listed([name for name in head.names if name]) or "columns without names"
+        said = f"found no response ({names}), expected the columns that {mapping.path} is for"
+        raise LogError(f"{head.path}: {said}", draft)
+    if left := [key for key, value in _said(options) if value == "?"]:
+        raise LogError(f"{head.path}: {_open(mapping, left)}", draft)
+    for name, entry in options["columns"].items():
+        if "column" not in entry:
+            raise mapping.fail(
+                f"[columns] {name}", f"found no column of {head.path} that it may be, expected its name"
+            )
+    return head, checked(mapping.path, options), _told(mapping, found, options)
+
+
+def joined(head: Head, dialect: Dialect) -> Head:
+    """The head of a file whose traces stand one below the other for all of them side by side; any other as it
+    is."""
+    if head.sheet is None and dialect.join is None and os.path.getsize(head.path) <= SMALL:
+        try:
+            found = layout.tables(head.path, replace(head.dialect, delimiter=None))
+            if layout.can_be_joined(found):
+                join = found[0].names[0] or 0
+                return read_head(head.path, Dialect(comment=head.dialect.comment, join=join))
+        except LogError:
+            return head
+    return head
+
+
+def with_preset(mapping: MappingFile | None, of: Preset) -> MappingFile:
+    """The facts of a preset, beside what a mapping file says that names no columns; what the preset assumes
+    is left open."""
+    facts = {key: value for key, value in of.options.items() if key not in of.assumed}
+    mapping = mapping or MappingFile(f"{PREFIX}{of.name}", {})
+    return replace(mapping, options={**mapping.options, "preset": of.name}, base=facts, finds=True)
+
+
+def _merged(mapping: MappingFile, found: Mapping[str, Any]) -> dict[str, Any]:
+    """What the mapping file says, what its file's heads tell where it says nothing, and last what its preset
+    says."""
+    given, base = mapping.options, mapping.base
+    columns = _columns(given.get("columns", {}), _columns(base.get("columns", {}), found.get("columns", {})))
+    driven = {*units.DRIVES} & ({*columns} | {*given.get("constants", {})} | {*found.get("constants", {})})
+    usual = {
+        name: text
+        for name, text in base.get("constants", {}).items()
+        if name not in units.DRIVES or not driven
+    }
+    ratio = {**base, **found, **given}.get("quantity") in RATIOS
+    constants = {} if ratio else usual
+    constants |= {name: text for name, text in found.get("constants", {}).items() if name not in columns}
+    constants |= given.get("constants", {})
+    metadata = base.get("metadata", {}) | found.get("metadata", {}) | given.get("metadata", {})
+    options = {**base, **{key: value for key, value in found.items() if value != "?" or key not in base}}
+    options |= {key: value for key, value in given.items() if value is not None}
+    options |= {"columns": columns, "constants": constants, "metadata": metadata}
+    return {key: value for key, value in options.items() if key not in ("find", "preset", "units")}
+
+
+def _columns(given: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns that are given, whole or in part, and those that are found beside them: no second response, and
+    no second drive."""
+    given = {name: entry if isinstance(entry, dict) else {"column": entry} for name, entry in given.items()}
+    named = {name for name, entry in given.items() if "column" in entry}
+    taken = (RESPONSE if named & RESPONSE else set()) | (
+        {*units.DRIVES} if named & {*units.DRIVES} else set()
+    )
+    places = {entry["column"] for entry in given.values() if "column" in entry}
+    beside = {n: e for n, e in found.items() if n not in taken and (n in given or e["column"] not in places)}
+    return {
+        name: {**({} if "column" in given.get(name, {}) else beside.get(name, {})), **given.get(name, {})}
+        for name in {**given, **beside}
+    }
+
+
+def _said(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Each thing that is said, by a name that a reader knows."""
+    for key, value in options.items():
+        if key == "columns":
+            yield from (
+                (f"the {of} of {name}", x) for name, entry in value.items() for of, x in entry.items()
+            )
+        elif key == "constants":
+            yield from (
+                (f"the unit of {name}", "?") for name, text in value.items() if str(text).endswith(" ?")
+            )
+        elif key != "metadata":
+            yield key, value
+
+
+def _open(mapping: MappingFile, left: list[str]) -> str:
+    """What to say where something is left open: that the preset itself assumes it, if it does."""
+    said = f"nothing in it tells {listed(left)}, expected in a mapping file"
+    name = mapping.options.get("preset")
+    usual = {key: named(name).options.get(key) for key in left} if name else {}
+    if not name or None in usual.values():
+        return f"read as {mapping.path} says, {said}"
+    assumed = " and ".join(f'{key} = "{value}"' for key, value in usual.items())
+    return f"{said} (preset = {name!r}, and that); --columns {PREFIX}{name} assumes {assumed}"
+
+
+def _told(mapping: MappingFile, found: Mapping[str, Any], options: Mapping[str, Any]) -> tuple[str, ...]:
+    """What is to be said of a preset: its name, and what of it is assumed and was neither told nor found."""
+    name = mapping.options.get("preset")
+    if name is None:
+        return ()
+    of = named(name)
+    notes = [f"read as {PREFIX}{of.name} says: {of.title}"]
+    open_ = [key for key in of.assumed if key in ("quantity", "columns") and key not in mapping.options]
+    if "quantity" in open_ and options.get("quantity") == of.options.get("quantity") == found.get("quantity"):
+        notes.append(
+            f"the signal is taken as a {options['quantity']}, as {PREFIX}{of.name} assumes; say quantity"
+            f" otherwise"
+        )
+    if "columns" in open_:
+        pair = [f"{name} {options['columns'][name]['column']!r}" for name in ("drive", "response")]
+        notes.append(
+            f"taken, as {PREFIX}{of.name} assumes: {' and '.join(pair)}; say otherwise under [columns]"
+        )
+    return tuple(notes)

@@ -1,0 +1,383 @@
+"""What a log's own header and metadata say, by the contract's names: from a file's head to the plan for
+reading it.
+
+A name that is nearly one of ours, where that one is missing, is refused with the name that was probably
+meant; a file that is not understood is refused with a mapping file to start from.
+"""
+
+import dataclasses
+import re
+from collections.abc import Collection, Mapping
+from itertools import pairwise
+
+from sysid.columns.found import completed, with_preset
+from sysid.columns.labels import INPUTS as CALLED
+from sysid.columns.labels import parse
+from sysid.columns.mapping import MappingFile
+from sysid.columns.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
+from sysid.columns.plan import ERRORS, Plan, Source, is_absent, is_decibel
+from sysid.columns.preset import recognised
+from sysid.columns.synonyms import (
+    LETTERS,
+    STAMPED,
+    SYNONYMS,
+    add_source,
+    add_synonyms,
+    first_word,
+    is_waveform,
+    refuse_misspelt,
+)
+from sysid.columns.unknown import drafted, not_understood
+from sysid.tables import units
+from sysid.tables.cells import SHOWN, amount, listed, to_number
+from sysid.tables.csvfile import Head, LogError
+from sysid.tables.densities import amplitude_of
+from sysid.tables.stamps import EXAMPLE, is_local
+
+INPUTS = ("time", "frequency", "temperature", "force")
+STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
+# what counts the rows of an even sampling; "": the index that pandas writes, which has no name
+SAMPLES = (
+    *("sample", "samples", "sample_no", "sample_number", "sample_index"),
+    *("index", "idx", "row", "no", "n", "#", ""),
+)
+
+
+def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan]:
+    """The plan for a file by the mapping file, or by its own names, or as the preset says that recognises it;
+    with the head that it is for, and the mapping file with the columns that were found by their heads. Raises
+    LogError."""
+    if not (mapping and mapping.finds):
+        try:
+            return head, mapping, file_plan(head, mapping)
+        except LogError as error:
+            preset = recognised((*head.above, str(head.dialect.delimiter).join(head.names)))
+            if error.mapping is None or preset is None or (mapping and mapping.names_columns):
+                raise
+            mapping = with_preset(mapping, preset)
+    head, mapping, notes = completed(head, mapping)
+    plan = file_plan(head, mapping)
+    return head, mapping, dataclasses.replace(plan, notes=(*plan.notes, *notes))
+
+
+def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
+    """The plan for a file, by the mapping file where that names columns, else by the file's own names."""
+    if mapping and mapping.names_columns:
+        plan = _by_rate(head, mapping.plan(head))
+    elif mapping:
+        plan = mapping.beside(contract_plan(dataclasses.replace(head, metadata=mapping.metadata(head))), head)
+    else:
+        plan = contract_plan(head)
+    refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
+    if plan.quantity != "impedance":
+        _refuse_ohms(head, plan, mapping)
+    return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+
+
+def _by_rate(head: Head, plan: Plan) -> Plan:
+    """The plan with a time of rows that have none, by a stated sample rate, and what is to be said of it."""
+    if plan.sources.keys() & {"time", "response"}:
+        return plan
+    if not (rate := _rate(dataclasses.replace(head, metadata=plan.metadata), plan.sources, None)):
+        return plan
+    told, key = _evenly(head, rate), rate_key(head.metadata)
+    notes, warnings = ((), (told,)) if key and key in plan.metadata else ((told,), ())
+    return dataclasses.replace(
+        plan,
+        sources=plan.sources | {"time": _numbered(rate)},
+        notes=(*plan.notes, *notes),
+        warnings=(*plan.warnings, *warnings),
+    )
+
+
+def _numbered(rate: float) -> Source:
+    """The time of rows that follow one another at a rate (Hz)."""
+    return Source("the rows' number", "s", scale=1 / rate, counted=True)
+
+
+def _powers(head: Head, plan: Plan) -> list[str]:
+    """A note on each column of a power density, whose root is read. Raises LogError where it is to be one of
+    two parts, or has a phase: of a cross spectrum the root is no response."""
+    powers = {name: source for name, source in plan.sources.items() if amplitude_of(source.unit)}
+    parted = powers.keys() & {"wd", "wq", "x", "y", "phase", "response"}
+    if powers and (parted or "phase" in plan.sources):
+        source = powers[min(parted or powers)]
+        found = f"{head.path}, column {source.label!r}: found {source.unit}, a power density"
+        raise LogError(
+            f"{found}, expected it alone, as w or magnitude: it is a square, without phase or parts"
+        )
+    return [
+        f"column {source.label} is a power density, in {source.unit}: its root is read, in"
+        f" {amplitude_of(source.unit)}"
+        for source in powers.values()
+    ]
+
+
+def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:
+    """Raise LogError where a response is an impedance and nothing says so: its peak is the antiresonance."""
+    for name in ("wd", "wq", "w", "x", "y", "magnitude", "response"):
+        source = plan.sources.get(name)
+        if source and not is_decibel(source.unit) and units.is_of(source.unit, "ohm"):
+            found = (
+                f"{head.path}, column {source.label!r}: found {source.unit}, of an impedance, expected"
+                ' quantity = "impedance"'
+            )
+            where = mapping.path if mapping and mapping.names_columns else "a mapping file (--columns)"
+            said = f"{found} in {where}, which inverts it: the response of the plate is the current, 1/Z"
+            raise LogError(said, None if mapping and mapping.names_columns else drafted(head))
+
+
+def table_plan(head: Head, metadata: dict[str, str] | None, plan: Plan, mapping: MappingFile | None) -> Plan:
+    """The plan for a table of the file, which may state metadata of its own; `plan` is that of the first."""
+    return (
+        plan
+        if metadata in (None, head.metadata)
+        else file_plan(dataclasses.replace(head, metadata=metadata), mapping)
+    )
+
+
+def counted(head: Head, columns: Collection[int]) -> list[str]:
+    """Notes on the columns of dates and the like, which are read as what passed since the first row."""
+    return [
+        f"column {head.names[column] or column} is counted from its first row, {head.first(column)}"
+        for column in columns
+    ]
+
+
+def contract_plan(head: Head) -> Plan:
+    """The plan for a file whose names follow the contract. Raises LogError with a mapping file to start
+    from."""
+    sources: dict[str, Source] = {}
+    notes = list(head.notes)
+    unknown = []
+    waveform = is_waveform(head)
+    for index, label in enumerate(head.names):
+        of_errors = _of_errors(label)
+        ours = not of_errors if waveform else first_word(label) != "response"
+        ours = ours and add_source(head, sources, of_errors or label, Source(label, "", column=index))
+        if not ours and label.casefold() != "log":
+            unknown.append(label)
+    for key, value in head.metadata.items():
+        name = None if f"{key.casefold()}_degc" in units.BENCH_NUMBERS else units.parse_name(key)
+        remark = (
+            name is not None and amount(value) is None and not units.is_known(name.unit)
+        )  # as LabVIEW's Time_Pref: Relative
+        if name and name.unit and name.quantity != "response" and not remark:
+            number = metadata_number(head, key, value)
+            add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number, written=value))
+    notes += add_synonyms(head, sources, unknown)
+    notes += _without_unit(head, sources)
+    counter = None if waveform or "time" in sources else _counter(head, unknown)
+    rate = None if waveform or "time" in sources else _rate(head, sources, counter)
+    said: tuple[str, ...] = ()
+    if rate and counter is not None:
+        sources["time"] = Source(counter, "s", column=head.names.index(counter), scale=1 / rate)
+        unknown.remove(counter)
+        notes.append(f"{_column(counter)} is read as time, at a sample rate of {rate:.7g} Hz")
+    elif rate:
+        sources["time"] = _numbered(rate)
+        said = (_evenly(head, rate),)
+    if waveform:
+        _check_waveform(head, sources, unknown)
+    else:
+        _check_understood(head, sources, unknown)
+    notes += _kept_out(head, [label for label in unknown if label], sources)
+    notes += [
+        f"column {sources[name].label} is read as standard errors of the response"
+        for name in ERRORS
+        if name in sources
+    ]
+    passing = None if waveform or counter is not None or "time" in sources else _passing(head, unknown)
+    split = [label.casefold() for label in head.names].count("log")
+    if split > 1:
+        raise LogError(f"{head.path}: found {split} columns 'log', expected one")
+    return Plan(
+        sources,
+        head.metadata | ({"kind": "waveform"} if waveform else {}),
+        split=[label.casefold() for label in head.names].index("log") if split else None,
+        notes=tuple(notes),
+        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else said,
+    )
+
+
+def _of_errors(label: str) -> str:
+    """The name of a column of standard errors, `std_um`, `w_std_um`, `wd_std_um` or `wq_std_um`, with its
+    unit in brackets; "" of any other."""
+    if not (found := STANDARD.fullmatch(label.strip())):
+        return ""
+    _, unit, amplitude = units.split_unit(f"std{found['unit']}")
+    return f"{'std_q' if (found['of'] or '').casefold() == 'wq' else 'std'} [{unit}] {amplitude}"
+
+
+def _counter(head: Head, labels: Collection[str]) -> str | None:
+    """The column that counts the samples, by its name and its first rows; None where there is none."""
+    counting = (
+        label
+        for label in labels
+        if label.strip().casefold() in SAMPLES
+        and (first := _first_numbers(head, label))
+        and all(after == before + 1 for before, after in pairwise(first))
+    )
+    return next(counting, None)
+
+
+def _rate(head: Head, sources: Mapping[str, Source], counter: str | None) -> float | None:
+    """The sample rate (Hz) of rows without a time: the one that is stated, of counted rows and of those of a
+    transient; else None. Raises LogError where it is no rate."""
+    if counter is None and stated(head.metadata, "kind") != "transient" and not _seems_timed(head, sources):
+        return None
+    return sample_rate(head, head.metadata)
+
+
+def _evenly(head: Head, rate: float) -> str:
+    """What is said of rows whose time is counted from a stated rate alone."""
+    return (
+        f"{head.name}: found no time; its rows are taken as one every {1 / rate:.7g} s, by the sample rate"
+        f" that is stated; where rows were left out or averaged since, state that rate, or `# kind: steady`"
+        f" of settled points"
+    )
+
+
+def _column(label: str) -> str:
+    """What a column is called in a sentence."""
+    return f"column {label}" if label.strip() else "a column without a name"
+
+
+def _passing(head: Head, labels: Collection[str]) -> str | None:
+    """The column that is called a time, without a unit of one, and goes up in the first rows; None where
+    there is none."""
+    rising = (
+        label
+        for label in labels
+        if _is_called_time(label)
+        and (first := _first_numbers(head, label))
+        and first[-1] > first[0]
+        and all(after >= before for before, after in pairwise(first))
+    )
+    return next(rising, None)
+
+
+def _first_numbers(head: Head, label: str) -> list[float]:
+    column, mark = head.names.index(label), str(head.dialect.decimal)
+    return [to_number(row[column], mark) for row in head.sample if column < len(row)]
+
+
+def _is_called_time(label: str) -> bool:
+    return units.split_unit(label)[0].casefold() in {*CALLED["time"], *STAMPED}
+
+
+def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
+    """Whether rows without a time look like those of a transient: at one frequency, and not said to be
+    settled."""
+    frequency = sources.get("frequency")
+    if stated(head.metadata, "kind"):
+        return False
+    column = None if frequency is None else frequency.column
+    return column is None or len({row[column] for row in head.sample if column < len(row)}) == 1
+
+
+def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str, ...]:
+    """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
+    ways to say it. Empty of any other rows."""
+    steady = "or `# kind: steady` of settled points"
+    if counter is not None:
+        found = (
+            f"a column {counter!r} that counts the rows" if counter.strip() else "a column that counts them"
+        )
+        way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
+    elif passing:
+        found = f"a column {passing!r} that goes up and states no unit of time"
+        way = (
+            f"call it {_with_unit_of_time(passing)}, or whatever its unit is, give the unit in a mapping file"
+            f" (--columns), {steady}"
+        )
+    else:
+        return ()
+    return (f"{head.name}: found no time, and {found}, taken as settled points; {way}",)
+
+
+def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> list[str]:
+    """A note on each column that is not read; one on all of them where there are many."""
+    if len(labels) > SHOWN:
+        return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
+    each = []
+    for label in labels:
+        why = "" if "time" in sources else _why_no_time(head, label)
+        if "w" in sources and parse(label).part == "phase":
+            magnitude = sources["w"].label
+            why = (
+                f": with {magnitude} it tells d and q, which a mapping file (--columns) of"
+                f' magnitude = "{magnitude}" and phase = "{label}" reads'
+            )
+        each.append(f"column {label} is kept out of the fit{why}")
+    return each
+
+
+def _why_no_time(head: Head, label: str) -> str:
+    """Why a column that is called a time, in a file that has no other, is not read as one."""
+    if not _is_called_time(label):
+        return ""
+    if is_local(head.first(head.names.index(label))):
+        return f": a date of a form that is not read; write a time as {EXAMPLE}"
+    return f": it states no unit of time; call it {_with_unit_of_time(label)}"
+
+
+def _with_unit_of_time(label: str) -> str:
+    """What to call a column of times, by a name that is read as one."""
+    name = units.split_unit(label)[0]
+    name = name if (SYNONYMS | LETTERS).get(name.casefold()) == "time" else "time"
+    return f"{name}_s, {name}_ms"
+
+
+def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:
+    """A note on metadata of ours without a unit; of a number that nothing else states there is a warning
+    instead."""
+    names = {key: name for key in head.metadata if (name := units.parse_name(key)) and not name.unit}
+    lost = {
+        key
+        for key, name in names.items()
+        if name.quantity in units.CONSTANTS and is_absent(name.quantity, sources)
+    }
+    kept_out = [key for key in names if key not in lost or amount(head.metadata[key]) is None]
+    return [
+        f"metadata {key!r} has no unit and is kept out; write it as in temperature_degC" for key in kept_out
+    ]
+
+
+def _check_waveform(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
+    """A waveform that is not whole, or demodulated already: LogError."""
+    refuse_misspelt(head, sources, unknown, [units.DRIVES, ("response",), *((name,) for name in INPUTS)])
+    if rows := sources.keys() & {"w", "wd", "wq"}:
+        found = " and ".join(sorted(rows))
+        raise LogError(
+            f"{head.path}: found {found} in a waveform, expected raw samples alone, such as drive_V and"
+            f" response_um"
+        )
+    columns = {name for name, source in sources.items() if source.column is not None}
+    missing = [
+        name
+        for name, names in (("drive_V", units.DRIVES[:2]), ("response_um", ("response",)))
+        if not columns & {*names}
+    ]
+    if missing:
+        raise not_understood(
+            head, f"a waveform without a column {missing[0]}", "time_s, drive_V and response_um"
+        )
+
+
+def _check_understood(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
+    """A misspelt name or a response that is not whole: LogError with a mapping file."""
+    refuse_misspelt(
+        head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
+    )
+    response = sources.keys() & {"w", "wd", "wq"}
+    if response in ({"w"}, {"wd", "wq"}):
+        if all(sources[name].column is None for name in response):
+            raise LogError(
+                f"{head.path}: found the response in the metadata alone, expected a column, such as wd_um"
+            )
+        if not sources.keys() & {"time", "frequency", *units.DRIVES}:
+            raise not_understood(head, "neither time, frequency nor drive", "time_s or frequency_Hz at least")
+        return
+    found = " and ".join(sorted(response)) or "no response"
+    raise not_understood(head, found, "columns such as wd_um and wq_um, or w_um alone")

@@ -1,0 +1,264 @@
+"""What the head of a column says, whoever wrote it: its unit, and which part of which signal or which input
+it may be.
+
+A head is taken apart into words. `Z re (Ohm)`, `Re[Z]`, `Zre`, `ReS11`, `S11(REAL)` and `TR1: Gain (Real)`
+say the same of different signals: the real part. Letters that mean different things to different instruments
+(x, y, r, g, b) are decided by the columns beside them."""
+
+import re
+from dataclasses import dataclass
+
+from sysid.columns.mapping import split_ending
+from sysid.columns.plan import ANGLES, is_decibel
+from sysid.tables import densities, units
+
+INPUTS: dict[str, tuple[str, ...]] = {
+    "time": (
+        "t",
+        "time",
+        "timestamp",
+        "zeit",
+        "temps",
+        "x-axis",
+        "x_value",
+        "xvalue",
+        "second",
+        "seconds",
+        "sec",
+        "elapsed",
+        "время",
+    ),
+    "frequency": (
+        "f",
+        "freq",
+        "frequency",
+        "frequenz",
+        "fréquence",
+        "frequence",
+        "frq",
+        "omega",
+        "ω",
+        "частота",
+    ),
+    "temperature": ("temp", "temperature", "temperatur", "température", "t", "температура"),
+    "force": ("force", "kraft"),
+    "duty": ("duty", "pwm"),
+    "voltage": (
+        "v",
+        "u",
+        "voltage",
+        "volt",
+        "volts",
+        "vin",
+        "drive",
+        "excitation",
+        "spannung",
+        "tension",
+        "vdrive",
+        "udrive",
+        "vexc",
+        "uexc",
+        "напряжение",
+    ),
+    "wd": ("wd",),
+    "wq": ("wq",),
+    "w": ("w", "displacement", "velocity", "response", "position", "deflection", "speed", "vibration"),
+}
+# Words that name a part wherever they stand: a phase before a magnitude, a magnitude in bars before the rest.
+PHASE = {
+    "phase", "phi", "theta", "θ", "φ", "ϕ", "arg", "ang", "angle", "argument", "thetaz", "thetay", "θz",
+    "θy", "phz", "phas", "фаза",
+}  # fmt: skip
+REAL = {"re", "real", "realpart", "inphase"}
+IMAGINARY = {"im", "imag", "imaginary", "imagpart", "quadrature", "quad"}
+MAGNITUDE = {
+    "abs", "mag", "magn", "magnitude", "modulus", "amplitude", "amp", "ampl", "db", "logmag", "linmag",
+    "betrag", "амплитуда", "модуль",
+}  # fmt: skip
+SCATTERING = {"s11", "s12", "s21", "s22"}
+GAINS = SCATTERING | {"gain", "transmission", "reflection"}  # ratios of two of a kind
+SIGNAL = GAINS | {"power", "level", "r"}  # magnitudes where nothing else is said
+# Letters of a lock-in, and of what calls its channels otherwise.
+LETTERS = {"x": {"x", "u1", "g", "vx", "ux"}, "y": {"y", "u2", "b", "vy", "uy"}}
+ALONE = {"g", "b"}  # letters that also call channels
+AXES = {"vx", "vy", "ux", "uy"}  # of a lock-in's volts; of another unit they are directions
+# Of what an impedance analyser writes, by the unit: letters that mean other things elsewhere.
+RATIOS: dict[str, dict[str, set[str]]] = {
+    "ohm": {
+        "x": {"r", "rs", "resistance"},
+        "y": {"x", "xs", "reactance"},
+        "magnitude": {"z", "impedance", "zabs", "absz", "w"},
+    },
+    "S": {
+        "x": {"g", "gp", "conductance"},
+        "y": {"b", "bp", "susceptance"},
+        "magnitude": {"y", "admittance", "yabs", "absy"},
+    },
+}
+NOT_DATA = re.compile(r"_err|std|stdev|sigma|error|uncert|variance", re.I)  # of how sure another column is
+_TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  # of an analyser's traces
+_TRACE = re.compile(r"\W*(data|memory) trace (real|imag)\W*", re.IGNORECASE)  # whatever it shows
+_PARTS = PHASE | REAL | IMAGINARY | MAGNITUDE
+_PLAIN = {
+    "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB",
+    "dbm": "dBm",
+    "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
+    "гц": "Hz", "кгц": "kHz", "мгц": "MHz", "град": "deg", "рад": "rad", "дб": "dB", "в": "V", "мв": "mV",
+    "с": "s", "мс": "ms", "мкс": "us", "м": "m", "мм": "mm", "мкм": "um", "нм": "nm", "ом": "ohm",
+}  # fmt: skip
+# How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued
+# to a word; in the last two it is a usual one.
+_USUAL = {
+    *_PLAIN.values(),
+    "V",
+    "mV",
+    "uV",
+    "A",
+    "mA",
+    "s",
+    "ms",
+    "us",
+    "um",
+    "nm",
+    "mm",
+    "m/s",
+    "mm/s",
+    "degC",
+    "S",
+    "%",
+}
+_ENDINGS: tuple[tuple[str, set[str]], ...] = (
+    (r"[/,]\s*([^/,\s_]+)$", set()),
+    (r"\s(\S{2,})$", _USUAL),
+    (r"(?<=[a-z])(k?Hz|[MG]Hz|Deg|dB|DB|Rad|Ohm)$", _USUAL),
+)
+_DEGREES = {"C": "degC", "F": "degF", "c": "degC"}
+# Parts that are glued to the sign of what they are of: ReS11, dBS21, Zre, absZ.
+_OF = r"s\d\d|[zy]"
+_PART = r"re|real|im|imag|mag|abs|mod|ang|arg|db|deg|phase|phz|ph"
+_GLUED = re.compile(rf"(?P<a>{_PART})(?P<b>{_OF})|(?P<d>{_OF})(?P<c>{_PART})")
+_SPELT = {"mod": "abs", "ph": "phase", "deg": "phase"}
+
+
+@dataclass(frozen=True)
+class Label:
+    """A column's head taken apart: its words in small letters, its unit ("" where it states none), and its
+    sign."""
+
+    text: str  # in small letters, without the unit
+    words: tuple[str, ...]
+    unit: str
+    sign: int = 1  # -1 of a column that is called minus something, as -Im(Z)
+    amplitude: str = ""  # "rms" or "pp" of one that says so
+
+    def is_called(self, name: str) -> bool:
+        """Whether the whole of it, its first word or its last is one of an input's names."""
+        return bool({self.text, *self.words[:1], *self.words[-1:]} & set(INPUTS[name]))
+
+    @property
+    def part(self) -> str:
+        """ "phase", "x", "y" or "magnitude" by the words that say so wherever they stand; "" where none
+        does."""
+        words = set(self.words)
+        if self.unit in ANGLES or (words & PHASE and not self.unit):
+            return "phase"
+        if "|" in words:
+            return "magnitude"
+        named = (
+            (words & REAL, "x"),
+            (words & IMAGINARY, "y"),
+            (words & MAGNITUDE or is_decibel(self.unit), "magnitude"),
+        )
+        return next((part for said, part in named if said), "")
+
+    def letter(self, ratio: str) -> str:
+        """The part that a letter or a signal's name stands for, in a file of a `ratio` ("ohm" or "S") or of
+        none ("")."""
+        if ratio and (not self.unit or units.same_kind(self.unit, ratio)):
+            first = self.words[:1]
+            return next((part for part, names in RATIOS[ratio].items() if set(first) & names), "")
+        if set(self.words) & AXES and self.unit and not units.same_kind(self.unit, "V"):
+            return ""
+        behind = {self.text, *self.words[:1], *self.words[1:][-1:]}
+        behind -= ALONE if len(self.words) > 1 else set()
+        part = next((part for part, names in LETTERS.items() if behind & names), "")
+        return part or ("magnitude" if set(self.words) & SIGNAL else "")
+
+    @property
+    def channel(self) -> tuple[str, ...]:
+        """The words that do not say which part of a response it is, but of which channel or parameter."""
+        letters = {"x", "y", "r", "|"}
+        return tuple(word for word in self.words if word not in _PARTS | letters)
+
+
+def parse(text: str) -> Label:
+    """A head taken apart. Where a trace's title before it names a part, as `A |Z|: Data Trace Real` does, the
+    head itself is of no use: analysers write every trace as a real part beside an imaginary one."""
+    title, parted, own = text.rpartition(": ")
+    words = title.split()
+    if parted and words:
+        lettered = len(words) > 1 and len(words[0]) == 1  # A |Z|, of a trace A
+        label = parse(" ".join(words[1:] if lettered else words))
+        told = label.part in ("phase", "magnitude") or (lettered and label.words[-1:] in _TITLES)
+        if told or (lettered and _TRACE.fullmatch(own)):
+            return label
+    plain = densities.plain(text.strip()).replace("′", "'").replace("″", "''")
+    plain = re.sub(r"in[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
+    plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
+    plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
+    plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
+    unit, rest = _unit(plain)
+    stated = re.search(r"(?:^|[^A-Za-z])[A-Za-z]{0,2}(rms|pp)(?![A-Za-z])", plain, re.IGNORECASE)
+    rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
+    apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
+    words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", apart.casefold()) if word]
+    parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
+    unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")
+    unit = unit or ("dB" if "db" in parts else "")  # db:Trc1_S21
+    unit = _DEGREES.get(unit, unit) if set(parts) & set(INPUTS["temperature"]) else unit
+    return Label(rest.strip(" :;,").casefold(), parts, unit, sign, stated[1].casefold() if stated else "")
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit, and not one of the words for a part of a signal, some of which the library
+    takes for units."""
+    return (
+        bool(text)
+        and text.casefold() not in _PARTS - {"db"}
+        and (text in ANGLES or is_decibel(text) or units.fits("w", text))
+    )
+
+
+def in_usual_letters(unit: str) -> str:
+    """A unit as it is usually written: DB is dB, DEG is deg, OHM is ohm; any other as it is."""
+    return (
+        _PLAIN.get(unit.casefold(), unit)
+        if unit.casefold() in _PLAIN and unit not in ("mHz", "MHz")
+        else unit
+    )
+
+
+def _unit(text: str) -> tuple[str, str]:
+    """The unit that a head states ("": none), and the head without it."""
+    for found in reversed(list(re.finditer(r"[\[(]([^\[\]()]*)[\])]", text))):
+        unit = in_usual_letters(units.short(units.split_amplitude(found[1].strip())[0]))
+        if is_unit(unit):
+            return unit, f"{text[: found.start()]} {text[found.end() :]}"
+    bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
+    for pattern, usual in _ENDINGS:
+        found = re.search(pattern, bare)
+        unit = in_usual_letters(units.short(found[1])) if found and found.start() else ""
+        if is_unit(unit) and (unit in usual or not usual):
+            return unit, text.removesuffix(found[0])
+    ending, _, last = text.rpartition("_")
+    unit = _PLAIN.get(last, "") if ending else ""  # freq_hz
+    unit = unit or in_usual_letters(split_ending(text, False)[0])
+    return (unit, ending or text) if is_unit(unit) else ("", text)
+
+
+def _apart(word: str) -> list[str]:
+    """A word, and where a part is glued to what it is of, both."""
+    if word in _PARTS or not (found := _GLUED.fullmatch(word)):
+        return [word]
+    part, of = found["a"] or found["c"], found["b"] or found["d"]
+    return [of, _SPELT.get(part, part)]

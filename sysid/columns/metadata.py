@@ -1,0 +1,51 @@
+"""What the metadata of a header state."""
+
+import math
+from collections.abc import Collection, Mapping
+
+from sysid.tables import units
+from sysid.tables.cells import to_number
+from sysid.tables.csvfile import Head, LogError
+
+
+def rate_key(metadata: Mapping[str, str]) -> str | None:
+    """Under which key the metadata state a sample rate; its end is the unit."""
+    return next((key for key in metadata if key.casefold().startswith("sample_rate")), None)
+
+
+def sample_rate(head: Head, metadata: Mapping[str, str]) -> float | None:
+    """The sample rate (Hz) that the metadata state; None where they do not."""
+    if (key := rate_key(metadata)) is None:
+        return None
+    unit = key[len("sample_rate_") :]
+    try:
+        units.check_unit("frequency", unit)
+    except ValueError as error:
+        raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
+    rate = float(units.convert(metadata_number(head, key, metadata[key]), unit, "Hz"))
+    if rate <= 0:
+        raise LogError(f"{head.path}, metadata {key!r}: found {rate:.6g} Hz, expected a rate above zero")
+    return rate
+
+
+def stated(metadata: Mapping[str, str], key: str) -> str | None:
+    """What the metadata state under `key`, in upper or lower case; None where they are silent or empty."""
+    return next((value for name, value in metadata.items() if name.casefold() == key and value), None)
+
+
+def refuse_repeated(head: Head, metadata: Mapping[str, str], words: Collection[str]) -> None:
+    """Raise LogError when the file states one of `words` twice with different values, and `metadata` has it
+    from the file."""
+    for key in sorted(head.repeated):
+        if key.casefold() in words and metadata.get(key) == head.metadata[key]:
+            raise LogError(
+                f"{head.path}, metadata {key!r}: found it twice with different values, expected it once"
+            )
+
+
+def metadata_number(head: Head, key: str, text: str) -> float:
+    """A number of the metadata. Raises LogError where it is none, or where the file states two."""
+    refuse_repeated(head, {key: head.metadata.get(key, "")}, (key.casefold(),))
+    if not math.isfinite(number := to_number(text, str(head.dialect.decimal))):
+        raise LogError(f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number")
+    return number

@@ -1,0 +1,73 @@
+"""What is read from a file: a source for each quantity, and the plan of all."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sysid.tables import units
+
+# standard errors of a response, or of d and of q, which count as one: their mean square is both's
+ERRORS = ("std", "std_q")
+ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a quantity comes from: (column's number or constant) * scale + offset, in `unit`."""
+
+    label: str
+    unit: str
+    amplitude: str = "peak"
+    column: int | None = None
+    constant: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+    dated: bool = False  # the column holds dates, read as seconds since the first
+    # the column does not bear the quantity's name, and is kept out where its dates do not serve
+    spare: bool = False
+    written: str = ""  # the constant, as text
+    counted: bool = False  # no column and no constant: the row's number, from 0 on
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How one file becomes logs: the sources of the quantities, and what was said about the whole."""
+
+    sources: dict[str, Source]
+    metadata: dict[str, str]
+    split: int | None = None
+    rows: Any = None
+    quantity: str = "displacement"
+    phase_sign: int = 1
+    phase_offset: float = 0.0  # rad
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def is_decibel(unit: str) -> bool:
+    """Whether a column in this unit is 20 log10 of an amplitude."""
+    return unit in ("dB", "dBm", "dBV")
+
+
+def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:
+    """Whether nothing states an input, of which there is one drive."""
+    return not sources.keys() & ({*units.DRIVES} if quantity in units.DRIVES else {quantity})
+
+
+def drive_as(options: Mapping[str, Any], sources: Mapping[str, Source]) -> list[str]:
+    """A note on a drive beside a mapping file's `amplitude` of rms or pp: it holds of a column that says
+    nothing itself, and not of a constant, which is peak unless its unit says otherwise."""
+    name = next((name for name in ("voltage", "drive") if name in sources), None)
+    said = options.get("amplitude", "peak")
+    if name is None or said == "peak":
+        return []
+    source, entry = sources[name], options.get("columns", {}).get(name, {})
+    if source.column is None and source.amplitude == "peak":
+        return [f"the constant {name} is taken as peak; write V_{said}, say, where it is {said}"]
+    if source.column is None or "amplitude" in entry or source.amplitude != said:
+        return []
+    return [
+        f"the {name} in column {source.label} is taken as {said}, as amplitude says of drive and response;"
+        f' say amplitude = "peak" in its entry where it is'
+    ]

@@ -1,0 +1,95 @@
+"""How numbers of a column become the response: decibels, impedances, currents and velocities."""
+
+import re
+
+import numpy as np
+
+from sysid.columns.plan import ANGLES, Plan, Source, is_decibel
+from sysid.tables import units
+from sysid.tables.csvfile import LogError
+from sysid.tables.densities import amplitude_of
+from sysid.tables.scattered import RATIOS, SCATTERED, admittance
+
+
+def lock_in(
+    signal: np.ndarray,
+    plan: Plan,
+    frequency: np.ndarray | None,
+    unit: str,
+    where: str,
+    drive: tuple[np.ndarray | None, str] = (None, "V"),
+) -> tuple[np.ndarray, str]:
+    """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring
+    says. `drive`: its values (n,) and their unit."""
+    complete = np.iscomplexobj(signal)
+    signal = turned(signal, plan) if complete else signal
+    if plan.quantity in ("displacement", "charge"):
+        return (1j * signal if complete else signal), unit
+    if plan.quantity == "impedance":
+        signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
+    elif plan.quantity in SCATTERED:
+        if not complete:
+            said = f"found the magnitude alone of a {plan.quantity}, expected its phase or both parts"
+            raise LogError(f"{where}: {said}")
+        signal, unit = admittance(units.convert(signal, unit, "1"), plan.metadata, where), "S"
+    if frequency is None:
+        what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
+        raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
+    signal, unit = ampere(signal, unit, drive)
+    return signal / (2 * np.pi * frequency), _time_integral(unit)
+
+
+def ampere(signal: np.ndarray, unit: str, drive: tuple[np.ndarray | None, str]) -> tuple[np.ndarray, str]:
+    """The current (A) of an admittance under its voltage; any other signal as it is."""
+    volts, its = drive
+    if volts is None or not units.is_of(unit, "S"):
+        return signal, unit
+    return units.convert(signal, unit, "S") * units.convert(volts, its, "V"), "A"
+
+
+def _time_integral(unit: str) -> str:
+    """The unit of the time integral of a signal: C of A, m of m/s."""
+    if current := re.fullmatch(r"([fpnumk]?)A", unit):
+        return f"{current[1]}C"
+    return unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
+
+
+def is_analysed(plan: Plan) -> bool:
+    """Whether a response is a ratio as analysers measure it, an impedance, an admittance or of S."""
+    siemens = any(
+        units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources
+    )
+    return plan.quantity in RATIOS or (plan.quantity == "current" and siemens)
+
+
+def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:
+    """1/Z in S of an impedance in ohm."""
+    if not impedance.all():
+        row = int(np.argmin(impedance != 0))
+        raise LogError(
+            f"{where}, row {row} (counted from 0): found an impedance of 0 ohm, expected one that can be"
+            f" inverted"
+        )
+    return 1 / impedance
+
+
+def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
+    """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file
+    says."""
+    signal = np.conj(signal) if plan.phase_sign < 0 else signal
+    return signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
+
+
+def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
+    """Numbers of a source, as peak values in the returned unit; phases in rad, of power densities the root
+    (of less than none, which `read` refuses, below zero)."""
+    if source.scale != 1.0 or source.offset:
+        values = values * source.scale + source.offset
+    unit = source.unit
+    if is_decibel(unit):
+        values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
+    if power := amplitude_of(unit):
+        values, unit = np.sign(values) * np.sqrt(np.abs(values)), power
+    if unit in ANGLES and ANGLES[unit] != 1.0:
+        values, unit = values * ANGLES[unit], "rad"
+    return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit

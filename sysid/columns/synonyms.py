@@ -1,0 +1,142 @@
+"""Columns of a header that have another usual name, or that are nearly one of ours."""
+
+import dataclasses
+from collections.abc import Mapping
+
+from sysid.columns.metadata import metadata_number, stated
+from sysid.columns.plan import Source, is_absent
+from sysid.columns.unknown import drafted
+from sysid.tables import units
+from sysid.tables.csvfile import Head, LogError
+from sysid.tables.stamps import EXAMPLE, is_local, is_long
+
+# Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
+STAMPED = {
+    "date": "time",
+    "datetime": "time",
+    "date/time": "time",
+    "zeitstempel": "time",
+}  # where the cells are dates
+SYNONYMS = {
+    "timestamp": "time", "freq": "frequency", "omega": "frequency", "\u03c9": "frequency",
+    "temp": "temperature",
+    "volt": "voltage", "volts": "voltage",
+}  # fmt: skip
+ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
+LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
+
+
+def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> list[str]:
+    """Enter inputs that have another usual name, columns before metadata; they leave `unknown`. Returns a
+    note on each."""
+    notes = []
+    for label in list(unknown):
+        if quantity := _meant(label, SYNONYMS | LETTERS, sources) or _dates_time(head, label, sources):
+            name, column = units.split_unit(label)[0], head.names.index(label)
+            source = Source(label, "", column=column, spare=head.dated(column))
+            add_source(head, sources, quantity + label.strip()[len(name) :], source)
+            unknown.remove(label)
+            notes.append(f"column {label} is read as {quantity}")
+    for key, value in head.metadata.items():
+        if quantity := _meant(key, SYNONYMS, sources):
+            source = Source(
+                f"metadata {key!r}", "", constant=metadata_number(head, key, value), written=value
+            )
+            add_source(head, sources, quantity + key.strip()[len(units.split_unit(key)[0]) :], source)
+            notes.append(f"metadata {key!r} is read as {quantity}")
+    return notes
+
+
+def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) -> str | None:
+    """The input that a label names by another word, when that input is missing and the unit is of its kind;
+    else None."""
+    name, unit, _ = units.split_unit(label)
+    quantity = words.get(name.casefold().rstrip("."))  # Freq. (Hz)
+    if (
+        quantity is None
+        or not is_absent(quantity, sources)
+        or (name.casefold() in ANGULAR and "rad" not in unit)
+    ):
+        return None
+    said = units.parse_name(quantity + label.strip()[len(name) :])
+    return quantity if said and units.fits(quantity, said.unit) else None
+
+
+def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
+    """`time` for a column of dates that is called so by another name, where no other holds the time; else
+    None."""
+    if "time" in sources or not {units.split_unit(label)[0].casefold(), label.casefold()} & {
+        "timestamp",
+        *STAMPED,
+    }:
+        return None
+    return "time" if head.dated(head.names.index(label)) else None
+
+
+def add_source(head: Head, sources: dict[str, Source], label: str, source: Source) -> bool:
+    """Enter what `label` names into `sources`; False when it is not one of our names."""
+    name = units.parse_name(label)
+    if name is None:
+        return False
+    dated = name.quantity == "time" and source.column is not None and head.dated(source.column)
+    unit = "s" if dated else name.unit
+    try:
+        units.check_unit(name.quantity, unit)
+    except ValueError as error:
+        first = head.first(source.column) if source.column is not None else ""
+        if name.quantity == "time" and is_local(first):
+            expected = (
+                f"the year first, as in {EXAMPLE}, or the seconds since the first row in a column time_s"
+            )
+            raise LogError(
+                f"{head.path}, column {label!r}: found a date {first!r}, expected {expected}"
+            ) from None
+        if source.column is None:
+            raise LogError(f"{head.path}, {source.label}: {error}") from None
+        raise LogError(f"{head.path}, column {label!r}: {error}", drafted(head)) from None
+    if name.quantity == "time" and source.column is not None and is_waveform(head):
+        dated = dated or is_long(head.first(source.column))
+    same = units.DRIVES if name.quantity in units.DRIVES else (name.quantity,)
+    if double := next((sources[quantity] for quantity in same if quantity in sources), None):
+        what = "the drive" if name.quantity in units.DRIVES else name.quantity
+        raise LogError(f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once")
+    sources[name.quantity] = dataclasses.replace(source, unit=unit, amplitude=name.amplitude, dated=dated)
+    return True
+
+
+def is_waveform(head: Head) -> bool:
+    """Whether a file holds the raw samples of a carrier: as it states, or by its columns drive and
+    response."""
+    kind = stated(head.metadata, "kind")
+    if kind:
+        return kind.casefold() == "waveform"
+    words = {first_word(label) for label in head.names}
+    return {"drive", "response"} <= words and not words & {"w", "wd", "wq"}
+
+
+def first_word(label: str) -> str:
+    """Of a label, without unit and case."""
+    return units.split_unit(label)[0].casefold().split("_")[0]
+
+
+def refuse_misspelt(
+    head: Head, sources: dict[str, Source], unknown: list[str], groups: list[tuple[str, ...]]
+) -> None:
+    """A name that is nearly one of ours, of a group none of which is there: LogError."""
+    absent = [name for group in groups if not sources.keys() & set(group) for name in group]
+    for label in unknown:
+        name, unit, _ = units.split_unit(label)
+        near = (
+            [quantity for quantity in absent if _is_misspelt(name, quantity, unit)]
+            if unit and len(name) > 2
+            else []
+        )
+        if near:
+            raise LogError(
+                f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", drafted(head)
+            )
+
+
+def _is_misspelt(name: str, quantity: str, unit: str) -> bool:
+    # The quicker of the two first, of a table with thousands of columns.
+    return units.fits(quantity, unit) and units.nearest(name, [quantity], cutoff=0.75) is not None

@@ -1,0 +1,1 @@
+"""Raw carriers as rows of Wd + j Wq."""

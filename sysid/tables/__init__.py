@@ -1,0 +1,1 @@
+"""Files as tables of columns under heads with units: text of any dialect, and formats that are no text."""

@@ -1,0 +1,123 @@
+"""Cells that hold more than a number: complex ones, as Python, MATLAB and circuit simulators write them, and
+numbers with their unit. A column of these becomes two, or one that states the unit."""
+
+import dataclasses
+import re
+from collections.abc import Sequence
+from itertools import zip_longest
+
+import numpy as np
+
+from sysid.tables import units
+from sysid.tables.cells import amount, is_number, split_line, to_number
+from sysid.tables.csvfile import SAMPLE, Head
+from sysid.tables.layout import texts
+from sysid.tables.sheet import Sheet
+from sysid.tables.textfile import LogError
+
+_NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_SIGNED = _NUMBER.replace("[+-]?", r"[+-]\s*", 1)
+RECTANGULAR = re.compile(rf"\(?\s*{_NUMBER}\s*{_SIGNED}\s*\*?\s*[ij]\s*\)?")  # (0.1+0.2j), 0.1 + 0.2i
+PAIR = re.compile(rf"\(?\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)?")  # 0.1,0.2 of a cell, where tabs part the cells
+DECIBELS = re.compile(rf"\(?\s*{_NUMBER}\s*dB\s*,\s*{_NUMBER}\s*(?:°|\ufffd|deg)\s*\)?")  # (-3.1dB,-12°)
+Parted = list[tuple[str, list[str]]]  # names and cells of the columns that one becomes
+
+
+def simple(head: Head) -> Head:
+    """The head of a table of numbers, where cells of its first rows hold more than that; as it is, where none
+    do. Raises LogError where a row further down has other cells."""
+    if head.sheet is not None or not any(map(_is_compound, zip_longest(*head.sample, fillvalue=""))):
+        return head
+    rows, lines = _rows(head)
+    columns: Parted = []
+    notes = []
+    for index, name in enumerate(head.names):
+        parted = _parted(name, [row[index] for row in rows], str(head.dialect.decimal))
+        if len(parted) > 1 or parted[0][0] != name:
+            said = " and ".join(repr(of) for of, _ in parted)
+            notes.append(f"column {name or index} is read as {said}, as its cells ({rows[0][index]}) say")
+        columns += parted
+    sheet = Sheet(
+        tuple(np.array(cells, object) for _, cells in columns),
+        lambda row, _: f"{head.path}, line {lines[row]}",
+    )
+    names = tuple(name for name, _ in columns)
+    return dataclasses.replace(
+        head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), notes=(*head.notes, *notes), header=()
+    )
+
+
+def _is_compound(cells: Sequence[str]) -> bool:
+    filled = [cell.strip() for cell in cells if cell.strip()]
+    return bool(filled) and not is_number(filled[0]) and (bool(_form(filled)) or _are_amounts(filled))
+
+
+def _form(cells: Sequence[str]) -> re.Pattern[str] | None:
+    forms = (RECTANGULAR, DECIBELS, PAIR)
+    return next((form for form in forms if _most([bool(form.fullmatch(cell)) for cell in cells])), None)
+
+
+def _are_amounts(cells: Sequence[str]) -> bool:
+    """Whether most are a number and its unit, all of one kind."""
+    stated = [one[1] for cell in cells if (one := amount(cell)) and one[1]]
+    return bool(stated) and _most(
+        [units.is_known(unit) and units.same_kind(unit, stated[0]) for unit in stated], len(cells)
+    )
+
+
+def _most(said: Sequence[bool], of: int | None = None) -> bool:
+    """Whether more than half are true: a bad cell is left to be refused by its place."""
+    return 2 * sum(said) > (len(said) if of is None else of)
+
+
+def _rows(head: Head) -> tuple[list[list[str]], list[int]]:
+    """The cells of all rows, and the line of each."""
+    rows, lines = [], []
+    marks = head.dialect.comment or ()
+    for line, text in enumerate(texts(head.path, head.start), head.first_line):
+        if not text.strip() or text.startswith(marks):
+            continue
+        cells = [cell.strip() for cell in split_line(text, str(head.dialect.delimiter))]
+        cells = cells[:-1] if len(cells) == len(head.names) + 1 and not cells[-1] else cells
+        if len(cells) != len(head.names):
+            raise LogError(f"{head.path}, line {line}: found {len(cells)} cells, expected {len(head.names)}")
+        rows.append(cells)
+        lines.append(line)
+    return rows, lines
+
+
+def _parted(name: str, cells: list[str], decimal: str) -> Parted:
+    """A column as one or two of plain cells; what is of another form than its first cells stays as it is, to
+    be refused by its place where it is used."""
+    filled = [cell for cell in cells[:SAMPLE] if cell]
+    if not filled or not _is_compound(filled):
+        return [(name, cells)]
+    stem, unit = _split(name)
+    if (form := _form(filled)) is not None:
+        found = [form.fullmatch(cell) for cell in cells]
+        parts = [
+            [one[k].replace(" ", "") if one else cell for one, cell in zip(found, cells, strict=True)]
+            for k in (1, 2)
+        ]
+        ends = (" [dB]", " phase [deg]") if form is DECIBELS else (f" re{unit}", f" im{unit}")
+        return [(f"{stem}{end}", part) for end, part in zip(ends, parts, strict=True)]
+    own = unit.strip(" []")
+    first = next(one[1] for cell in filled if (one := amount(cell)) and one[1])
+    wanted = own if own and units.same_kind(own, first) else first
+    return [(name if own else f"{name} [{wanted}]", [_in(cell, wanted, decimal) for cell in cells])]
+
+
+def _in(cell: str, wanted: str, decimal: str) -> str:
+    """A number with its unit as one in the wanted unit; any other cell as it is."""
+    found = amount(cell)
+    if found is None or not found[1] or not units.same_kind(found[1], wanted):
+        return cell
+    if found[1] == wanted:
+        return found[0]
+    return repr(float(units.convert(to_number(found[0], decimal), found[1], wanted)))
+
+
+def _split(name: str) -> tuple[str, str]:
+    """A head without its unit, and the unit in brackets, or ""."""
+    stem, unit, _ = units.split_unit(name)
+    return (stem, f" [{unit}]") if unit and units.is_known(unit) else (name, "")

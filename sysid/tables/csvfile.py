@@ -1,0 +1,358 @@
+"""A text table as it lies on the disk: comments, header and dialect. It knows lines and cells, no physics.
+
+`read_head` reads down to the first row. What cannot be read ends in a `LogError` that names the file, the
+line and the column.
+"""
+
+import itertools
+import math
+import os
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import BinaryIO, NamedTuple
+
+from sysid.tables import layout, units
+from sysid.tables.cells import (
+    GROUPED,
+    WHITESPACE,
+    Dialect,
+    find_delimiter,
+    is_number,
+    listed,
+    split_line,
+    to_number,
+    with_unit_cells,
+)
+from sysid.tables.preamble import (
+    DEEPEST,
+    find_top,
+    header_line,
+    increment,
+    is_table,
+    left_out,
+    settings,
+)
+from sysid.tables.sheet import Sheet
+from sysid.tables.stamps import is_stamp
+from sysid.tables.textfile import LogError, open_text, read_line, refuse_binary
+
+OTHERS = "%!"  # comments too, where the first line begins so: of lock-ins and network analysers
+SAMPLE = 50  # lines below the header that tell how the numbers are written
+
+
+@dataclass(frozen=True)
+class Head:
+    """A table's file down to its first row."""
+
+    path: str
+    metadata: dict[str, str]
+    repeated: frozenset[str]  # metadata keys that stand there twice, capitals aside, with different values
+    names: tuple[
+        str, ...
+    ]  # as in the header; "" where the header has nothing; empty texts when there is no header
+    dialect: Dialect  # with nothing left open
+    start: int  # byte in the (decompressed) file where the rows begin
+    first_line: int  # line number of that byte, counted from 1
+    sample: tuple[tuple[str, ...], ...]  # the first rows as text
+    notes: tuple[str, ...] = ()
+    preamble: bool = False  # whether lines without a comment mark stand above the header
+    header: tuple[bytes, ...] = ()  # its lines as they stand in the file, without their ends
+    remarks: Mapping[str, str] = field(default_factory=dict)  # of comments `key = value` that are no metadata
+    sheet: Sheet | None = None  # the whole table, where it does not lie in its file as one row a line
+    parts: Mapping[str, tuple[int, int]] = field(
+        default_factory=dict
+    )  # of several files: the columns of each
+    above: tuple[
+        str, ...
+    ] = ()  # lines above the table, comments without marks, or the kind of a file: which instrument wrote it
+
+    def first(self, column: int) -> str:
+        """The column's cell in the first row, "" where that is too short."""
+        return self.sample[0][column].strip() if column < len(self.sample[0]) else ""
+
+    def dated(self, column: int) -> bool:
+        """Whether the column holds dates or times of day."""
+        return is_stamp(self.first(column))
+
+    @property
+    def name(self) -> str:
+        """The file's name without its folder, on one line."""
+        return called(self.path)
+
+
+def called(path: str) -> str:
+    """A file's name without its folder, on one line."""
+    return os.path.basename(path).replace("\n", " ")
+
+
+def read_head(path: str, dialect: Dialect) -> Head:
+    """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in
+    it."""
+    if dialect.skip is dialect.header is dialect.join is None and (above := _settings(path, dialect)):
+        head = _read_top(path, replace(dialect, skip=len(above), header=False))
+        note = f"lines 1 to {len(above)}, settings above rows without a header, left out"
+        return replace(head, notes=(*head.notes, note), above=above, preamble=True)
+    head = _read_top(path, dialect)
+    if dialect.join is not None:
+        found = layout.tables(path, dialect)
+        sheet, names = layout.joined(path, found, dialect.join, str(head.dialect.decimal))
+        lines = listed([str(table.lines[0]) for table in found])
+        return _on_sheet(head, sheet, names, f"the tables that begin in lines {lines} are read side by side")
+    before = layout.names_across(head.names, head.sample)
+    if before is not None and dialect.header is not False:
+        header = head.names if head.dialect.header else ("",) * before
+        sheet, names = layout.across(path, head.dialect, head.start, head.first_line, header, before)
+        head = replace(head, above=(*head.above, ";".join(header)))
+        return _on_sheet(
+            head, sheet, names, "a table that lies across: each of its lines is read as a column"
+        )
+    return head
+
+
+def _settings(path: str, dialect: Dialect) -> tuple[str, ...]:
+    """The lines of settings above a table that has no header; empty of any other file."""
+    with open_text(path) as file:
+        first = read_line(path, file, 1)
+        if not first.strip() or len(first) > units.LONGEST or first.startswith((b"#", b"%", b"!")):
+            return ()
+        raws = [first, *_read_lines(path, file, 1, DEEPEST - 1)]
+    lines = [raw.decode("utf-8", errors="replace") for raw in raws]
+    return tuple(line.strip() for line in lines[: settings(lines, dialect)])
+
+
+def _on_sheet(head: Head, sheet: Sheet, names: tuple[str, ...], note: str) -> Head:
+    return replace(
+        head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), notes=(*head.notes, note), header=()
+    )
+
+
+def _read_top(path: str, dialect: Dialect) -> Head:
+    """The head of a table that lies in its file as one row a line, or as far as it looks like one."""
+    notes: list[str] = []
+    with open_text(path) as file:
+        comments, last, line, raw, number, encoding, marks = _read_comments(path, file, dialect, notes)
+        dialect = replace(dialect, comment=marks)
+        start = file.tell() - len(raw)
+        raws = [raw, *_read_lines(path, file, number, SAMPLE)]
+        lines = [line, *(text.decode("utf-8", errors="replace") for text in raws[1:])]
+        top = None
+        if dialect.skip is None and dialect.header is not False and not is_table(lines, dialect):
+            raws += _read_lines(path, file, number + SAMPLE, DEEPEST - SAMPLE)
+            lines += [text.decode("utf-8", errors="replace") for text in raws[len(lines) :]]
+            top = find_top(lines, dialect)
+    if top:
+        among = [k for k in range(top.names) if lines[k].startswith(marks)]
+        for k in (*among, top.names) if top.names else ():
+            lines[k], encoding = _decoded(raws[k], encoding, number + k, notes)
+        comments += [comment_of(lines[k], marks) for k in among]
+        notes += left_out(lines, number, top, among)
+        line, above, depth = header_line(lines, top), top.names + top.units + 1, top.units + 1
+        dialect = replace(dialect, delimiter=top.delimiter)
+    else:
+        line, above, comments = _usual_header(lines, comments, dialect)
+        depth = above
+    header = tuple(map(bytes.strip, raws[above - depth : above] if above else [last] if line else []))
+    delimiter = dialect.delimiter or _delimiter(line.strip(), lines[above] if above < len(lines) else "")
+    rows = tuple(tuple(split_line(text, delimiter)) for text in lines[above : above + SAMPLE] if text.strip())
+    if not rows:
+        raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
+    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
+    while names and not names[-1] and line:
+        names = names[:-1]
+    if not names:
+        raise LogError(f"{path}: found a header without a name, expected names such as time_s")
+    metadata, repeated = metadata_of(comments)
+    if (
+        top
+        and (step := increment(lines, top))
+        and not any(key.casefold().startswith("sample_rate") for key in metadata)
+    ):
+        metadata["sample_rate_Hz"] = f"{1 / step:.12g}"
+        notes.append(f"sampled every {step:g} s, as the line of units says below Increment")
+    remarks = {
+        key: value
+        for key, value in (_stated(comment, "=") for comment in comments)
+        if key and key not in metadata
+    }
+    decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
+    known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
+    start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
+    said = (*comments, *(lines[: top.names] if top else ()))
+    told = (tuple(notes), below, header, remarks)
+    return Head(path, metadata, repeated, names, known, start, number + above, rows, *told, above=said)
+
+
+def _unnamed(rows: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """A name for each column of a table without a header, but those at its end that are empty throughout."""
+    widths = (max((k for k, cell in enumerate(row, 1) if cell.strip()), default=1) for row in rows)
+    return ("",) * (len(rows[0]) if len(rows[0]) < 3 else max(widths))
+
+
+def _delimiter(header: str, row: str) -> str:
+    """The mark that parts a header ("": none), or the row below it where that is parted by another one into
+    as many numbers: names of several words may hold a comma."""
+    first, second = find_delimiter(header or row), find_delimiter(row)
+    cells = split_line(row, second)
+    alike = len(cells) > 1 and len(split_line(header, second)) == len(cells)
+    numbers = alike and all(is_number(cell) for cell in cells if cell.strip())
+    return second if first == "," and numbers else first
+
+
+class _Above(NamedTuple):
+    """What stands above a table: the comments, the last of them as bytes; the first line below them, as text,
+    as bytes and by its number; the encoding of the lines below it; what comments begin with."""
+
+    comments: list[str]
+    last: bytes
+    line: str
+    raw: bytes
+    number: int
+    encoding: str
+    marks: tuple[str, ...]
+
+
+def _read_comments(path: str, file: BinaryIO, dialect: Dialect, notes: list[str]) -> _Above:
+    comments: list[str] = []
+    number, skip, encoding, last, marks = 0, dialect.skip or 0, "utf-8-sig", b"", dialect.comment
+    while raw := read_line(path, file, number + 1):
+        number += 1
+        if number <= skip:
+            continue
+        refuse_binary(path, raw, number)
+        line, encoding = _decoded(raw, encoding, number, notes)
+        if marks is None and line.strip():
+            marks = ("#", line[0]) if line[0] in OTHERS else ("#",)
+        if mark := next((mark for mark in marks or () if line.startswith(mark)), ""):
+            comments.append(comment_of(line, (mark,)))
+            last = raw
+        elif line.replace(",", "").replace(";", "").strip():
+            return _Above(comments, last, line, raw, number, encoding, marks or ("#",))
+    if skip and number:
+        raise LogError(
+            f"{path}: found {number} lines and no table below the {skip} that skip leaves out, expected rows"
+        )
+    raise LogError(f"{path}: found {'only comment lines' if comments else 'an empty file'}, expected rows")
+
+
+def comment_of(line: str, marks: tuple[str, ...]) -> str:
+    """What a line says that begins with one of the marks."""
+    return line[next(len(mark) for mark in marks if line.startswith(mark)) :].strip()
+
+
+def _read_lines(path: str, file: BinaryIO, number: int, count: int) -> list[bytes]:
+    """The lines below line `number`, where the file stands: `count` of them, or fewer at its end."""
+    return list(itertools.takewhile(bool, (read_line(path, file, number + k) for k in range(1, count + 1))))
+
+
+def _decoded(raw: bytes, encoding: str, number: int, notes: list[str]) -> tuple[str, str]:
+    """A line as text, and the encoding of the lines below it; `notes` gets one where that is not UTF-8."""
+    try:
+        line = raw.decode(encoding)
+    except UnicodeDecodeError:
+        letters = re.findall(rb"[A-Za-z\x80-\xff]", raw)
+        cyrillic = 2 * sum(letter >= b"\xc0" for letter in letters) > len(letters)
+        encoding = "cp1251" if cyrillic else "cp1252"
+        line = raw.decode(encoding, errors="replace")
+        notes.append(f"line {number} is not UTF-8: read as Windows-{encoding[2:]}")
+    return line, encoding.removesuffix("-sig")
+
+
+def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tuple[str, int, list[str]]:
+    """The header of a table that begins with the first line ("": none), how many lines are above its rows,
+    and the comments."""
+    if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
+        line, comments = _header_in_comments(comments, lines[0], dialect)
+        return line, 0, comments
+    if dialect.header is None and _is_unit_row(lines[0], lines[1:], dialect):
+        return _with_units(lines[0], lines[1], dialect), 2, comments
+    return lines[0], 1, comments
+
+
+def _stated(comment: str, mark: str) -> tuple[str, str]:
+    """What stands before the mark and behind it; two empty texts where there is none."""
+    key, found, value = comment.partition(mark)
+    return (key.strip(), value.strip()) if found else ("", "")
+
+
+def _equation(comment: str) -> tuple[str, str] | None:
+    """Key and value of `key = value`, where logs have such a key and the value is a number, or the word that
+    is expected; else it may be a sentence, or an instrument's setting."""
+    key, value = _stated(comment, "=")
+    word = key.casefold()
+    said = (
+        value.isalpha()
+        if word in ("kind", "sampling")
+        else bool(value)
+        if word == "plate"
+        else is_number(value)
+    )
+    return (key, value) if said and units.is_key(key) else None
+
+
+def metadata_of(comments: list[str]) -> tuple[dict[str, str], frozenset[str]]:
+    """Metadata, and the keys that stand there twice: `key: value`, or `key = value` of a key that logs
+    have."""
+    found: dict[str, str] = {}
+    values: dict[str, set[str]] = {}
+    for comment in comments:
+        key, value = _stated(comment, ":") if (named := _equation(comment)) is None else named
+        if key:
+            found[key] = value
+            values.setdefault(key.casefold(), set()).add(value)
+    return found, frozenset(key for key in found if len(values[key.casefold()]) > 1)
+
+
+def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) -> str:
+    """A comma when cells such as `1,5` stand in the first rows and the comma does not part the columns, or
+    none has a point."""
+    if delimiter == "," and any("." in cell and is_number(cell) for row in rows for cell in row):
+        return "."
+    cells = [cell.strip() for row in rows for cell in row if "," in cell]
+    commas = [cell for cell in cells if not math.isnan(to_number(cell, ","))]
+    if commas and all(map(GROUPED.fullmatch, commas)):
+        raise LogError(
+            f"{path}: found {commas[0]!r}, which is {commas[0].replace(',', '.')} with a decimal comma and"
+            f" {commas[0].replace(',', '')} otherwise; expected that a mapping file says decimal = ',' or '.'"
+        )
+    return "," if commas else "."
+
+
+def _holds_numbers(line: str, dialect: Dialect) -> bool:
+    """Whether a line is a row, not a header: no name is a number."""
+    return any(map(is_number, split_line(line, dialect.delimiter or find_delimiter(line))))
+
+
+def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
+    """A last comment line with as many cells as the rows have is the header (`numpy.savetxt` writes it
+    so)."""
+    if comments and dialect.header is None:
+        delimiter = dialect.delimiter or find_delimiter(row)
+        width = len(split_line(row, delimiter))
+        if width > 1 and len(split_line(comments[-1], delimiter)) == width:
+            return comments[-1], comments[:-1]
+        apart = re.split(r"\t+|\s{2,}", comments[-1])  # names of several words, in columns of blanks
+        if width > 1 and delimiter == WHITESPACE and len(apart) == width:
+            return " ".join(f'"{name}"' for name in apart), comments[:-1]
+    return "", comments
+
+
+def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
+    """Whether the line below the header holds units: short texts and no number, where the header has names
+    alone."""
+    if not following:
+        return False
+    delimiter = dialect.delimiter or find_delimiter(line)
+    names, units = split_line(line, delimiter), split_line(following[0], delimiter)
+    bare = not any(re.search(r"[_\[(]", name) for name in names)
+    texts = [unit.strip() for unit in units if unit.strip()]
+    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
+        texts
+    )  # 25.1 kHz, (1+2j)
+    named = bare and len(names) == len(units) and bool(texts)
+    return named and not row and not any(map(is_number, texts))
+
+
+def _with_units(line: str, units: str, dialect: Dialect) -> str:
+    delimiter = dialect.delimiter or find_delimiter(line)
+    return with_unit_cells(split_line(line, delimiter), split_line(units, delimiter), delimiter)

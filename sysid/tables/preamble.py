@@ -1,0 +1,188 @@
+"""Where a table begins in a file whose first lines are neither marked as comments nor part of it.
+
+Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`, two rows of header. Comments
+may stand among them, and are read as those of any file.
+"""
+
+from collections.abc import Collection
+from itertools import groupby
+from typing import NamedTuple
+
+from sysid.tables import units
+from sysid.tables.cells import (
+    WHITESPACE,
+    Dialect,
+    find_delimiter,
+    is_number,
+    listed,
+    split_line,
+    to_number,
+    unbracketed,
+    with_unit_cells,
+)
+from sysid.tables.densities import plain
+
+DEEPEST = 200  # lines among which the first row is looked for
+ALIKE = 3  # rows of numbers, one below the other, that are a table
+
+
+class Top(NamedTuple):
+    """Where a table begins: the line of its names, counted from 0, whether a row of units follows, how many
+    columns it has."""
+
+    names: int
+    units: bool
+    width: int
+    delimiter: str
+
+
+def is_table(lines: list[str], dialect: Dialect) -> bool:
+    """Whether the first line is a row of numbers itself, or names the columns of the row below it."""
+    if _shape(lines[0], dialect):
+        return True
+    below = [line for line in lines[1:] if line.strip()]
+    sure = next((k for k, line in enumerate(below) if _shape(line, dialect)), len(below))
+    shape = next(iter(_shapes(below[: sure + 1], dialect)), None)  # of which those further down tell nothing
+    return shape is not None and _is_texts(
+        lines[0], shape[0], max(_width(line, shape[0]) for line in lines[1 : 1 + ALIKE])
+    )
+
+
+def find_top(lines: list[str], dialect: Dialect) -> Top | None:
+    """Where the table below a preamble begins; None where the first line is a header, or no header is found.
+
+    What begins with a number is a row, if a bad one, and no line of a preamble: it is left to be refused by
+    its name.
+    """
+    shapes = _shapes(lines, dialect)
+    first = next(
+        (k for k, shape in enumerate(shapes) if shape and shapes[k : k + ALIKE] == [shape] * ALIKE), 0
+    )
+    if not (shape := shapes[first]) or not first:
+        return None
+    delimiter = shape[0]
+    width = max(_width(line, delimiter) for line in lines[first : first + ALIKE])
+    last = max((k for k in range(first) if lines[k].strip()), default=0)
+    if not last or not _is_wide(lines[last], delimiter, width, dialect):
+        return None
+    has_units = _is_wide(lines[last - 1], delimiter, width, dialect) and _are_units(
+        _cells(lines[last], delimiter)[:width]
+    )
+    has_units = has_units and all(_cells(lines[last - 1], delimiter)[:width])
+    names = last - has_units
+    above = lines[: names + 1]
+    cells = _cells(lines[last], delimiter)[:width]
+    if any(map(is_number, cells)) or not (has_units or all(cells)):
+        return None
+    if any(is_number(_cells(line, delimiter)[0]) for line in above if line.strip()):
+        return None
+    if all(
+        _is_texts(line, delimiter, width) for line in above
+    ):  # names one below the other: the first of them are the header
+        return None
+    return Top(names, has_units, width, delimiter)
+
+
+def settings(lines: list[str], dialect: Dialect) -> int:
+    """How many lines of settings, a name and its value each, stand above rows of numbers without a header, as
+    spectrum analysers save traces; 0 where no such rows follow. Names are different ones, and the last line
+    states a number: it is no header."""
+    shapes = _shapes(lines, dialect)
+    first = next((k for k, x in enumerate(shapes) if x and shapes[k : k + ALIKE] == [x] * ALIKE), 0)
+    above = (
+        [_cells(line, shapes[first][0]) for line in lines[:first] if line.strip()] if shapes[first] else []
+    )
+    names = [cells[0].casefold() for cells in above]
+    stated = [is_number(cell) for cells in above for cell in (*cells[1:2], *[""] * (len(cells) < 2))]
+    named = all(name and not is_number(name) and name[0] not in "#%!" for name in names)
+    return first if named and len({*names}) == len(names) and sum(stated) >= ALIKE and stated[-1] else 0
+
+
+def names_below(lines: list[str], dialect: Dialect) -> int | None:
+    """The line, counted from 0, that names the columns of a table which begins among these lines; None where
+    none does."""
+    if not _shape(lines[0], dialect) and is_table(lines, dialect):
+        return 0
+    top = find_top(lines, dialect)
+    return top.names if top else None
+
+
+def header_line(lines: list[str], top: Top) -> str:
+    """The header in one line, with the units that stand below it, as wide as the rows are."""
+    names = _cells(lines[top.names], top.delimiter)[: top.width]
+    units_below = _cells(lines[top.names + 1], top.delimiter)[: top.width] if top.units else [""] * top.width
+    return with_unit_cells(names, units_below, top.delimiter)
+
+
+def increment(lines: list[str], top: Top) -> float | None:
+    """Seconds from sample to sample, where they stand below a name Increment behind the units (Rigol); else
+    None."""
+    names = [name.casefold() for name in _cells(lines[top.names], top.delimiter)]
+    if not top.units or "increment" not in names[top.width :]:
+        return None
+    step = dict(enumerate(_cells(lines[top.names + 1], top.delimiter))).get(names.index("increment"), "")
+    return to_number(step) if to_number(step) > 0 else None
+
+
+def left_out(lines: list[str], number: int, top: Top, comments: Collection[int]) -> list[str]:
+    """Notes on the preamble, which begins at line `number` and of which the lines `comments` (from 0) are
+    read, and on names at the header's end that have no column."""
+    runs = [
+        [k for k in run if lines[k].strip()]
+        for read, run in groupby(range(top.names), lambda k: k in comments)
+        if not read
+    ]
+    where = [str(number + run[0]) + (f" to {number + run[-1]}" if run[1:] else "") for run in runs if run]
+    lone = len(where) == 1 and where[0].isdigit()
+    notes = [f"line{'' if lone else 's'} {listed(where)}, above the header, left out"] if where else []
+    spare = [name for name in _cells(lines[top.names], top.delimiter)[top.width :] if name]
+    return notes + ([f"names without a column, left out: {listed(spare)}"] if spare else [])
+
+
+def _shapes(lines: list[str], dialect: Dialect) -> list[tuple[str, int] | None]:
+    """The shape of each line; a row with empty cells has that of the row below it, as an oscilloscope's first
+    may."""
+    shapes = [_shape(line, dialect) for line in lines]
+    for k in reversed(range(len(lines) - 1)):
+        if shapes[k] is None and (below := shapes[k + 1]) is not None:
+            cells = split_line(lines[k], below[0])
+            filled = [cell for cell in cells if cell.strip()]
+            shapes[k] = below if len(cells) == below[1] and filled and all(map(is_number, filled)) else None
+    return shapes
+
+
+def _shape(line: str, dialect: Dialect) -> tuple[str, int] | None:
+    """Delimiter and number of cells of a row of two numbers or more; None for any other line."""
+    delimiter = dialect.delimiter or find_delimiter(line.strip())
+    cells = split_line(line, delimiter)
+    filled = [cell for cell in cells if cell.strip()]
+    return (delimiter, len(cells)) if len(filled) > 1 and all(map(is_number, filled)) else None
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    return [cell.strip() for cell in split_line(line, delimiter)]
+
+
+def _width(line: str, delimiter: str) -> int:
+    """Cells of a line up to the last that holds something."""
+    return max((k for k, cell in enumerate(_cells(line, delimiter), 1) if cell), default=0)
+
+
+def _is_texts(line: str, delimiter: str, width: int) -> bool:
+    """Whether a line has so many cells, none of which is a number."""
+    return _width(line, delimiter) == width and not any(map(is_number, _cells(line, delimiter)))
+
+
+def _is_wide(line: str, delimiter: str, width: int, dialect: Dialect) -> bool:
+    """Whether a line may head columns: as many as the rows have, or more where cells are parted by a mark."""
+    count = len(split_line(line, delimiter))
+    return not line.startswith(dialect.comment or ()) and (
+        count == width or (count > width and delimiter != WHITESPACE)
+    )
+
+
+def _are_units(cells: list[str]) -> bool:
+    """Whether all cells are units, the first aside, which may be a word such as Sequence, and the empty
+    ones."""
+    stated = [unbracketed(cell) for cell in cells[1:] if cell]
+    return bool(stated) and all(units.is_known(plain(unit)) for unit in stated)
