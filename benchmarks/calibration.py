@@ -207,7 +207,7 @@ HEAD = f"""`refused`: fits without a posterior (not converged, or tau or G not d
 97.5 %. `chi2` over {BINS} bins, and `ECDF` (Kolmogorov-Smirnov): p; `Holm`: the smaller of the two, corrected for all tests of the table,
 which should be above {WANTED:g}. It is not for G of a step under noise of a third of it, more than half of which is refused: what
 tells G from a feedthrough and a lateness there is given a prior as wide as the error of their difference
-(`sysid/verdict/coincidence.py`), too wide rather than too narrow.
+(`sysid/verdict/gain_confounding.py`), too wide rather than too narrow.
 
 | case | draws | refused | parameter | held | mean rank | within 95 % | chi2 | ECDF | Holm |
 |---|---|---|---|---|---|---|---|---|---|

@@ -205,7 +205,7 @@ posterior's draws, over fewer seeds; an error is never below that of one seed. `
 Cramer-Rao bound for the noise and the nuisances as they are. z = (value - truth)/std.
 
 G of a lone step is covered too often, and far below the bound: what tells it from a feedthrough and a lateness is that these
-would have to cancel (`sysid/verdict/coincidence.py`). On these benches neither is there, or one of them; where both are drawn from their
+would have to cancel (`sysid/verdict/gain_confounding.py`). On these benches neither is there, or one of them; where both are drawn from their
 priors calibration.md counts. Amplitudes of coloured noise: the likelihood is an approximation (`sysid/trials/projected.py`).
 Noise of 20 % and 30 %: this interval is symmetric and normal, which the posterior of such logs is not; what the program reports is the
 posterior's. Over all 2000 seeds (`--case "noise 30 %, sweep" --posterior 2000`) it covers G in 96.1, tau in 94.0, f0 in 93.6 %, and of the

@@ -20,17 +20,17 @@ from sysid.precision import float64, one_thread
 from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
+from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Average
-from sysid.verdict.coincidence import hangs, tightened, with_feedthroughs
-from sysid.verdict.conclusion import Question, conclude, retold
+from sysid.verdict.conclusion import FitProblem, conclude, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit
+from sysid.verdict.gain_confounding import confounds_gain, tightened, with_feedthroughs
 from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
-from sysid.verdict.standing import with_offsets
-from sysid.verdict.through import with_delays
+from sysid.verdict.sensor_delay import with_delays
 
 log = logging.getLogger(__name__)
 TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
@@ -82,7 +82,7 @@ def fit(
     return replace(_together(question, found) if found.result is Result.successful else found, judged=None)
 
 
-def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple[Question, Fit]:
+def _with_effects(question: FitProblem, found: Fit, names: Sequence[str]) -> tuple[FitProblem, Fit]:
     """The question with the effects of these names that describe its logs, and its fit; else the fit, which
     says what it can of these effects."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
@@ -108,7 +108,9 @@ def _with_effects(question: Question, found: Fit, names: Sequence[str]) -> tuple
         )
         states = [replace(s, dispersion=wider) for s in minimiser.imaged([most.state])]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
-    return question, conclude(question, states, hangs(states[0], minimiser.reference, minimiser.free), judged)
+    return question, conclude(
+        question, states, confounds_gain(states[0], minimiser.reference, minimiser.free), judged
+    )
 
 
 def _tells(fit: Fit, before: Fit) -> bool:
@@ -125,7 +127,7 @@ def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fi
     return of_decays(fit(logs, **given), said) if logs else None
 
 
-def _together(question: Question, found: Fit) -> Fit:
+def _together(question: FitProblem, found: Fit) -> Fit:
     """The fit, its errors those of logs that differ by more than theirs, that may be read in two ways, or
     that may hold more than they show."""
     best, judged = found.modes[0], found.judged
@@ -141,7 +143,7 @@ def _together(question: Question, found: Fit) -> Fit:
     again = conclude(
         question,
         [replace(s, dispersion=wider) for s in found.modes],
-        hangs(best, found.reference, found.names),
+        confounds_gain(best, found.reference, found.names),
         None if np.any(more) else judged._replace(doubts=[d for d in doubts if d not in spans]),
     )
     spanned = again.result is Result.successful or not (said or hint)
@@ -155,7 +157,7 @@ def _together(question: Question, found: Fit) -> Fit:
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 
-def _spanning(question: Question, found: Fit) -> Fit:
+def _spanning(question: FitProblem, found: Fit) -> Fit:
     """The fit with an error of G that also covers feedthroughs that may be delays. It says so where no other
     log determines G as well."""
     told = [with_delays(s, found.reference) for s in found.modes]
@@ -170,11 +172,11 @@ def _spanning(question: Question, found: Fit) -> Fit:
     return replace(again, warnings=(*told[0].partly, *again.warnings), notes=(*again.notes, *told[0].spanned))
 
 
-def _concluded(question: Question, states: list[State]) -> Fit:
+def _concluded(question: FitProblem, states: list[State]) -> Fit:
     """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are
     narrowed if that describes the logs."""
     minimiser, best = question.minimiser, states[0]
-    names = hangs(best, minimiser.reference, minimiser.free)
+    names = confounds_gain(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
     tight = minimiser.imaged(
@@ -182,7 +184,7 @@ def _concluded(question: Question, states: list[State]) -> Fit:
     )
     tight = [unfolded(minimiser, s) for s in tight]
     asked = replace(question, trials=_with_priors(question.trials, tight[0].trials))
-    narrow = conclude(asked, tight, hangs(tight[0], minimiser.reference, minimiser.free))
+    narrow = conclude(asked, tight, confounds_gain(tight[0], minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit or not narrow.judged.open:  # whose cause is plain
         return narrow
     wide = conclude(question, states, names)
@@ -195,7 +197,7 @@ def _asked(
     priors: Mapping[str, tuple[float, float]] | None,
     reference_temperature: float,
     start: Plant | None,
-) -> tuple[Question, list[State]]:
+) -> tuple[FitProblem, list[State]]:
     """The question and its minima; logs whose kind or sampling is not stated are read anew at the best
     tau."""
     if not logs:
@@ -234,7 +236,7 @@ def _asked(
         warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
     read = _with_priors(read, states[0].trials)
-    return Question(minimiser, read, stated, reference_temperature, tuple(warnings), apart), states
+    return FitProblem(minimiser, read, stated, reference_temperature, tuple(warnings), apart), states
 
 
 def _with_thermometers(

@@ -29,8 +29,9 @@ model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift beside registry
-verdict    result finding identify wording recorder unexplained flank fitted determined view lone coincidence immediate through
-           standing differing term firstorder moments between throughout terms linear averaged misfit odd mirrored conclusion ownership decay bench comparison
+verdict    result finding identify wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
+           sensor_delay amplitude_offset differing term firstorder timing between throughout terms linear averaged misfit
+           inconsistent_log conjugate_phase conclusion ownership decay bench comparison
 reading
 adoption   description search adopt
 fitting

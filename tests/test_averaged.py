@@ -15,8 +15,8 @@ from sysid.verdict import averaged as averaging
 from sysid.verdict import misfit
 from sysid.verdict.averaged import Allowed, Average, Hint, averaged
 from sysid.verdict.linear import USUAL, Linear
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.terms import terms
-from sysid.verdict.view import View
 
 INPUTS = ("response", "drive", "frequency", "temperature")
 
@@ -26,7 +26,7 @@ def linear(bench):
     """A step with its fit, linearised, and the terms that are tried beside it."""
     fit = sysid.fit(bench.transient(seed=3, noise=0.01))
     state = fit.modes[0]
-    views = View.each(state, fit.reference)
+    views = LinearisedLog.each(state, fit.reference)
     return Linear(views, state, [n for n in NAMES if n in fit.names], 0.0), terms(
         views, fit.names, About.of(state, fit.reference), 0.0
     )

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 import sysid
 from sysid.model.plant import respond
 from sysid.rows.hold import hold_inputs
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 G, TAU, F0, DRIVEN = 0.02, 1.67e-3, 32300.0, 32280.0
@@ -164,7 +164,7 @@ def course(order, step, rows, f0=1500.0, tau=10e-3):
         "bench": bench,
     }
     trial = Trial.of(sysid.Log("step", np.ones(rows, complex), time=time, **given), "transient")
-    found = Course(trial, trial.hold((f0, 0.0)), np.array([0.0, np.log(tau), 0.0, 0.0, 0.0, 0.0]))
+    found = LogResponse(trial, trial.hold((f0, 0.0)), np.array([0.0, np.log(tau), 0.0, 0.0, 0.0, 0.0]))
     with jax.enable_x64(True):
         return trial, found, np.asarray(respond(tau, found.detuning, found.hold, order=order).forced)
 

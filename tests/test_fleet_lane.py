@@ -20,8 +20,8 @@ from sysid.fleet.settings import Settings
 from sysid.fleet.template import BESIDE, Template
 from sysid.model.theta import NAMES
 from sysid.verdict.linear import Linear
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.terms import terms
-from sysid.verdict.view import View
 
 ROWS, RISE, POINTS = 300, 50, np.linspace(31800, 32800, 101)
 TIME = 1.2e-4 * np.arange(ROWS)
@@ -331,7 +331,7 @@ def test_a_score_test_is_worth_what_the_single_fit_says():
     """|u|^2/2 is s^T (A^T P A)^-1 s / 2 with P the projection off all that is fitted, here by least squares."""
     fit = sysid.fit(made("both", 5))
     state = fit.modes[0]
-    views = View.each(state, fit.reference)
+    views = LinearisedLog.each(state, fit.reference)
     linear = Linear(views, state, [n for n in NAMES if n in fit.names], 0.0)
     residual = np.concatenate([v.r for v in views])
     fitted = np.concatenate([v.jacobian[:, :3] for v in views])

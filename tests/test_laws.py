@@ -17,7 +17,7 @@ import sysid
 from sysid.model.likelihood import linearised
 from sysid.model.theta import NAMES
 from sysid.trials.experiment import group
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 PLANT = reference.Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
@@ -46,7 +46,7 @@ def envelope(tau, offsets, around=PLANT.f0):
     it."""
     trial = Trial.of(transient(frequency=around + offsets), "transient")
     theta = np.array([np.log(PLANT.G), np.log(tau), 0.0, 0.0, 0.0, 0.0])
-    return Course(trial, trial.hold((around, 24.0)), theta).envelope.forced
+    return LogResponse(trial, trial.hold((around, 24.0)), theta).envelope.forced
 
 
 @settings(max_examples=60, deadline=None)

@@ -7,8 +7,8 @@ import reference
 
 import sysid
 from sysid.model.theta import NAMES
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.lone import _on_a_floor, _without_one
-from sysid.verdict.view import View
 
 PLANT = reference.Plant(G=0.02, tau=1.6e-3, f0=32300.0, k_T=0.0)
 HALF = 1 / (2 * np.pi * PLANT.tau)  # half bandwidth, Hz
@@ -92,7 +92,8 @@ def test_what_is_left_without_a_reading_is_what_a_fit_without_it_has(amplitude):
     fit = sysid.fit([swept(2, 4, rows=21, amplitude=amplitude), swept(3, 5, rows=15, amplitude=amplitude)])
     state, index = fit.modes[0], [NAMES.index(n) for n in fit.names]
     views = [
-        _on_a_floor(View(t, m, state, fit.reference)) for t, m in zip(state.trials, state.models, strict=True)
+        _on_a_floor(LinearisedLog(t, m, state, fit.reference))
+        for t, m in zip(state.trials, state.models, strict=True)
     ]
     shown = np.eye(len(NAMES))[index]
     grown, _ = _without_one(views, shown, index)

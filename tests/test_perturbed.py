@@ -9,7 +9,7 @@ from conftest import seeds
 from reference import REFERENCE_TEMPERATURE, Plant, noise, ringing
 
 import sysid
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 PLANT = Plant(G=0.02, tau=1.67e-3, f0=32300.0, k_T=-8.0)
@@ -41,7 +41,7 @@ def course(time, drive, frequency, temperature, **bench):
     trial = Trial.of(
         sysid.Log("log", np.ones(len(time), complex), time=time, kind="transient", **given), "transient"
     )
-    return Course(trial, trial.hold((PLANT.f0, REFERENCE_TEMPERATURE)), THETA)
+    return LogResponse(trial, trial.hold((PLANT.f0, REFERENCE_TEMPERATURE)), THETA)
 
 
 def changed(inputs, **step):

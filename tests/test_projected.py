@@ -5,7 +5,7 @@ import numpy as np
 from reference import Plant, steady
 
 from sysid import Log
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.projected import efficiency
 from sysid.trials.trial import Trial, with_noise
 
@@ -19,7 +19,7 @@ def test_errors_are_those_of_estimates_from_noise_of_both_channels():
     response = steady(PLANT, np.ones(N), frequency, 24.0)
     log = Log("sweep", np.abs(response), drive=np.ones(N), frequency=frequency, kind="steady")
     trial = with_noise(Trial.of(log, "steady"), 0.01, MEMORY).with_bench(floor=1e-4)
-    course = Course(
+    course = LogResponse(
         trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0])
     )
     design = course.design()
@@ -48,7 +48,7 @@ def test_a_phase_that_stays_costs_nothing():
     response = steady(PLANT, np.ones(N), frequency, 24.0)
     log = Log("sweep", np.abs(response), drive=np.ones(N), frequency=frequency, kind="steady")
     trial = with_noise(Trial.of(log, "steady"), 1e-5, MEMORY).with_bench(floor=1e-10)
-    course = Course(
+    course = LogResponse(
         trial, trial.hold((PLANT.f0, 24.0)), np.array([0.0, np.log(PLANT.tau), 0.0, 0.0, 0.0, 0.0])
     )
     assert efficiency(trial, course) > 0.999

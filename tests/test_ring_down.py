@@ -17,8 +17,8 @@ from sysid import Result
 from sysid.model import rice
 from sysid.model.plant import respond
 from sysid.rows.hold import hold_inputs
-from sysid.trials.perturbed import Course
-from sysid.verdict.view import View
+from sysid.trials.perturbed import LogResponse
+from sysid.verdict.linearised import LinearisedLog
 
 TAU = 1.67e-3
 PLANT = reference.Plant(0.5, TAU, 32300.0, 0.0)
@@ -146,17 +146,17 @@ def test_the_linear_view_is_that_of_the_fit():
     state = found.modes[0]
     trial, model = state.trials[0], state.models[0]
     assert trial.begun and abs(trial.bench.start) > 0.1
-    view = View(trial, model, state, found.reference)
+    view = LinearisedLog(trial, model, state, found.reference)
     np.testing.assert_allclose(rice.mean(view.plate, trial.lift), model.real, rtol=1e-4)
 
     def plate(theta):
-        course = Course(trial, trial.hold(found.reference), theta)
+        course = LogResponse(trial, trial.hold(found.reference), theta)
         return course.forced + trial.bench.start * course.free
 
     for k, step in ((0, 1e-6), (1, 1e-6), (2, 1e-3)):
         moved = step * np.eye(6)[k]
         slope = (plate(state.theta + moved) - plate(state.theta - moved)) / (2 * step)
-        course = Course(trial, trial.hold(found.reference), state.theta)
+        course = LogResponse(trial, trial.hold(found.reference), state.theta)
         given = course.derivatives(trial.bench.start)[:, k]
         np.testing.assert_allclose(
             given, slope, atol=1e-6 * np.max(np.abs(slope))

@@ -30,7 +30,7 @@ from sysid.minimum.minimise import MOST, Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.verdict.linear import Linear
-from sysid.verdict.view import View
+from sysid.verdict.linearised import LinearisedLog
 
 NEARLY = 3.0  # log evidence within which another description may be true as well: odds of twenty to one
 FOLLOWED = 4  # effects that are followed, and the best of each effect: each from
@@ -220,7 +220,7 @@ class Search:
         """What is seen from a point. `coloured`: by the noise as it is found there, else as if it were
         white."""
         instances, numbers, state = point.instances, point.numbers, point.state
-        views = View.each(state, self.minimiser.reference, coloured)
+        views = LinearisedLog.each(state, self.minimiser.reference, coloured)
         linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
         rows = self.columns(instances, numbers, state, views)
         cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
@@ -237,7 +237,7 @@ class Search:
         return Looked(covariance @ score, covariance, dispersion, gain)
 
     def columns(
-        self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[View]
+        self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[LinearisedLog]
     ) -> list[np.ndarray]:
         """Of each log the derivatives of its rows by the numbers (n, d), off what its nuisances can make."""
         step = DIFFERENCE * self.stds(instances)

@@ -19,7 +19,7 @@ from sysid.effects.effect import (
 )
 from sysid.effects.number import Number, number
 from sysid.model.theta import NAMES, Theta
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import SLOPED, Trial
 
 APART = 2.0 ** np.arange(
@@ -44,7 +44,7 @@ def _second(trial: Trial, place: float, width: float, drift: float, about: About
     at its first row."""
     theta = about.theta + np.array([0.0, width, *(about.half_bandwidth * np.array([place, drift])), 0.0, 0.0])
     theta[NAMES.index("G")] = np.log(_unseen(place, width, about) / about.drive)
-    course = Course.of(trial, about.reference, theta)
+    course = LogResponse.of(trial, about.reference, theta)
     return course.forced if trial.driven else course.free
 
 
@@ -123,7 +123,7 @@ class _Left:
     """What the plate leaves of d and q of a log beside its own derivatives and what the bench adds."""
 
     def __init__(self, trial: Trial, about: About):
-        self.course = course = Course.of(trial, about.reference, about.theta)
+        self.course = course = LogResponse.of(trial, about.reference, about.theta)
         self.about, self.trial = about, trial
         one = np.ones(len(course.hold.drive), complex)
         known = [course.plate, course.changed(one), *trial.columns, np.ones(len(trial.log))]
@@ -194,7 +194,7 @@ def _slower(trial: Trial, ratio: float, about: About) -> np.ndarray:
     the largest drive of the logs."""
     theta = about.theta + np.array([0.0, ratio, 0.0, 0.0, 0.0, 0.0])
     theta[NAMES.index("G")] = -np.log(about.drive)
-    return Course.of(trial, about.reference, theta).forced
+    return LogResponse.of(trial, about.reference, theta).forced
 
 
 def _pole_starts(trial: Trial, about: About) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from sysid.effects.effect import SEEN, About, Effect, Told, nowhere, one_way, positive, undone
 from sysid.effects.number import Number, number
 from sysid.rows.hold import read_at
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial, with_noise
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
@@ -137,7 +137,7 @@ def _gapped(trial: Trial) -> bool:
 @lru_cache(maxsize=4)  # for all places in a log
 def _moved(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]) -> np.ndarray:
     """(n,) by how much the response has moved until each row."""
-    plate = Course.of(trial, reference, np.array(theta)).forced
+    plate = LogResponse.of(trial, reference, np.array(theta)).forced
     return np.cumsum(np.abs(np.diff(plate, prepend=plate[:1])))
 
 

@@ -20,7 +20,7 @@ from sysid.effects.effect import (
 from sysid.effects.number import Number, number
 from sysid.model.plant import SECOND
 from sysid.rows.hold import cut
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
@@ -179,7 +179,7 @@ def _ringing(trial: Trial, about: About) -> np.ndarray:
     first order leaves, and about tau; and phases (rad) of the oscillation at the first row."""
     from scipy.signal import find_peaks, lombscargle  # takes a third of a second to load
 
-    course, whole = Course.of(trial, about.reference, about.theta), lasted(trial)
+    course, whole = LogResponse.of(trial, about.reference, about.theta), lasted(trial)
     shapes = np.stack([course.forced.real, course.free.real, np.ones(len(trial.log))], axis=1)
     left = trial.log.response - shapes @ np.linalg.lstsq(shapes, trial.log.response, rcond=None)[0]
     rates = np.pi / (FINER * whole) * np.arange(1, FINER * len(left) + 1)

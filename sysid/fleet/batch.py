@@ -9,8 +9,9 @@ are complex with an isotropic prior, and are eliminated in it,
 the rotation after them; the sum over the logs gives a Gauss-Newton step of log G, log tau and f0. The noise
 is that of the residual, sum of squares over degrees of freedom, and the covariance that of the single fit
 (`minimum.minimise`). Where the error of G is that of a feedthrough and a lateness that cancel, their priors
-are those of `verdict.coincidence`; where logs differ, errors are widened as in `verdict.differing`. A log may
-have a real gain of its own with a normal prior, whose column is that of log G: it is eliminated last.
+are those of `verdict.gain_confounding`; where logs differ, errors are widened as in `verdict.differing`. A
+log may have a real gain of its own with a normal prior, whose column is that of log G: it is eliminated
+last.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +23,7 @@ import numpy as np
 from sysid.fleet.closed import Block, gram
 from sysid.minimum.minimise import NEAR, SHORT
 from sysid.trials.trial import FLOOR
-from sysid.verdict.coincidence import MOSTLY
+from sysid.verdict.gain_confounding import MOSTLY
 
 LOOKS = 6  # at the rows, at most
 LEFT = 1e-2  # squared errors of a last step, which leaves their square
@@ -267,7 +268,7 @@ def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
         left = _left(logs, step)
         if np.any(near := (left < NEAR) & ~going.narrowed):
             going.narrowed = going.narrowed | near
-            if np.any(near & (hung := hangs(logs, covariance, "late"))):
+            if np.any(near & (hung := confounds_gain(logs, covariance, "late"))):
                 _tighten(going, logs, covariance, step, near & hung)
                 logs, covariance, step, moved = _settled(seen, going)
                 left = _left(logs, step)
@@ -275,7 +276,7 @@ def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
         if np.all(done) or look == LOOKS - 1:
             break
         going.follow(logs, step, ~done)
-    late, start = (hangs(logs, covariance, name) for name in ("late", "start"))
+    late, start = (confounds_gain(logs, covariance, name) for name in ("late", "start"))
     return Batch(
         tuple(blocks),
         going.theta + _short(step, going.theta),
@@ -329,8 +330,8 @@ def _short(step: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return step / np.maximum(size, 1.0)[:, None]
 
 
-def hangs(logs: Sequence[Reduced], covariance: np.ndarray, name: str) -> np.ndarray:
-    """(P,) whether the error of G is that of the bench's "late" or "start" (`coincidence.hangs_on`)."""
+def confounds_gain(logs: Sequence[Reduced], covariance: np.ndarray, name: str) -> np.ndarray:
+    """(P,) whether the error of G is that of the bench's "late" or "start" (`gain_confounding.hangs_on`)."""
     if not any(name in x.block.names for x in logs):
         return np.zeros(len(covariance), bool)
     without = solved(_sum([x.without(name) for x in logs]))
@@ -339,7 +340,7 @@ def hangs(logs: Sequence[Reduced], covariance: np.ndarray, name: str) -> np.ndar
 
 def both(log: Reduced, theta: np.ndarray, turn: np.ndarray, values: np.ndarray, covariance: np.ndarray):
     """Of a step the feedthrough in the plate's own frame, that less what the lateness adds, and the error of
-    it (`coincidence._Both.of_step`); the rise (P,), by which the lateness counts."""
+    it (`gain_confounding._Both.of_step`); the rise (P,), by which the lateness counts."""
     rise, form = np.exp(theta[:, 0] - theta[:, 1]) * np.abs(log.block.drive), np.zeros_like(values)
     form[:, 3], form[:, 1] = turn.conj(), turn.conj() * rise
     return turn.conj() * values[:, 3], np.sum(form * values, axis=1), log.error(form, covariance), rise
@@ -366,7 +367,7 @@ def _tighten(
     step: np.ndarray,
     hung: np.ndarray,
 ) -> None:
-    """Give these plates, whose G hangs on a lateness, the narrower priors of `coincidence.tightened`."""
+    """Give these plates, whose G hangs on a lateness, the narrower priors of `gain_confounding.tightened`."""
     going.tight = going.tight | hung
     for i, (x, turn) in enumerate(zip(logs, going.turns, strict=True)):
         if not x.block.swept:

@@ -1,5 +1,5 @@
-"""Sweeps of a batch whose feedthrough may be the delay of a sensor, as `verdict.through` has it: where a step
-stands beside, the sweep gets a gain of its own, and the error of G spans both."""
+"""Sweeps of a batch whose feedthrough may be the delay of a sensor, as `verdict.sensor_delay` has it: where a
+step stands beside, the sweep gets a gain of its own, and the error of G spans both."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.fleet.batch import Batch, with_gains
-from sysid.verdict.through import Share, told
+from sysid.verdict.sensor_delay import Share, told
 
 
 def shares(batch: Batch, k: int) -> list[Share | None]:

@@ -20,9 +20,9 @@ from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.averaged import Allowed, Kind, spanned
 from sysid.verdict.firstorder import of_effects
 from sysid.verdict.linear import Linear, Scored, chances_of
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import terms
-from sysid.verdict.view import View
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
@@ -77,10 +77,10 @@ class Near(NamedTuple):
 
     fit: Linear
     tried: list[Trying]
-    views: list[View]
+    views: list[LinearisedLog]
 
     @classmethod
-    def of(cls, state: State, views: list[View], reference: tuple[float, float]) -> "Near":
+    def of(cls, state: State, views: list[LinearisedLog], reference: tuple[float, float]) -> "Near":
         """Of the logs at a minimum."""
         fit, about = Linear(views, state, list(FREE), 0.0), About.of(state, reference)
         every = terms(views, FREE, about, 0.0)
@@ -132,7 +132,8 @@ def models_at(blocks: Sequence[Block], theta: np.ndarray) -> list[np.ndarray]:
 
 
 def narrowed(trials: Sequence[Trial], theta: np.ndarray, narrow: float) -> tuple[Trial, ...]:
-    """The trials with a feedthrough and a lateness of a step no wider than that (`coincidence.tightened`)."""
+    """The trials with a feedthrough and a lateness of a step no wider than that
+    (`gain_confounding.tightened`)."""
     if narrow == np.inf:
         return tuple(trials)
     found = []
@@ -145,7 +146,7 @@ def narrowed(trials: Sequence[Trial], theta: np.ndarray, narrow: float) -> tuple
 
 def state_at(
     theta: np.ndarray, trials: Sequence[Trial], models: Sequence[np.ndarray], levels: Sequence[float]
-) -> tuple[State, list[View], tuple[float, float]]:
+) -> tuple[State, list[LinearisedLog], tuple[float, float]]:
     """A minimum at `theta` (3,) with noise of these levels and the covariance that its logs leave, the logs
     there, and what frequencies and temperatures are counted from."""
     reference, at = reading.reference(trials), np.zeros(len(NAMES))
@@ -156,17 +157,17 @@ def state_at(
 
 def _minimum(
     theta: np.ndarray, trials: tuple[Trial, ...], models: Sequence[np.ndarray], reference: tuple[float, float]
-) -> tuple[State, list[View]]:
+) -> tuple[State, list[LinearisedLog]]:
     """That of these trials at theta."""
     covariance = np.zeros((len(NAMES), len(NAMES)))
     state = State(theta, covariance, trials, tuple(models), 0.0, 0.0, True, False, covariance)
-    views = View.each(state, reference)
+    views = LinearisedLog.each(state, reference)
     jacobians = [v.jacobian[:, :3] for v in views]
     covariance[:3, :3] = inverted(sum(j.T @ j for j in jacobians))
     return replace(state, covariance=covariance, alone=covariance), views
 
 
-def _turned(i: int, view: View, about: About) -> list[tuple[Term, tuple[int, int] | None]]:
+def _turned(i: int, view: LinearisedLog, about: About) -> list[tuple[Term, tuple[int, int] | None]]:
     """Effects of single channels of one log, in the plate's frame: they look different as the demodulator is
     turned, for each of PHASES rotations."""
     found: list[tuple[Term, tuple[int, int] | None]] = []

@@ -22,8 +22,8 @@ from sysid.logs.log import Log
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
-from sysid.verdict.coincidence import SEEN
 from sysid.verdict.finding import Finding
+from sysid.verdict.gain_confounding import SEEN
 from sysid.verdict.identify import limits
 from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
@@ -252,7 +252,7 @@ def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, 
 
 def _rows(batch: Batch, k: int, left: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """The rows (P, R) of one log, in the plate's frame, and of the priors of the bench's columns of these
-    names, as `View.recorded` has them."""
+    names, as `LinearisedLog.recorded` has them."""
     log = batch.logs[k]
     back = batch.turns[k].conj() * np.exp(-1j * log.full(batch.step)[:, 3])
     values, turned, held = log.values(batch.step) * back[:, None] / log.prior, left * back[:, None], {}
@@ -289,14 +289,14 @@ def _of_bench(batch: Batch, log: Reduced, turn: np.ndarray):
             "a response that is there at once",
             (share > FED) & (np.abs(first) > FELT * log.error(form, batch.covariance)),
         )
-    else:  # `coincidence.cancelling`
+    else:  # `gain_confounding.cancelling`
         _, worth = cancelling(batch, log, turn)
         yield "gain", worth >= ENOUGH + np.log(len(batch.logs))
 
 
 def cancelling(batch: Batch, log: Reduced, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(P,) the gain of a step relative to the other log if its feedthrough and its lateness cancel, 1 where
-    no feedthrough is seen, and what that is worth (`coincidence.cancelling`); with the plant held."""
+    no feedthrough is seen, and what that is worth (`gain_confounding.cancelling`); with the plant held."""
     values, held = log.values(batch.step), np.zeros_like(batch.covariance)
     first, left, error, _ = both(log, batch.theta, turn, values, held)
     form = np.zeros_like(values)

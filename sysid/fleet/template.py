@@ -41,7 +41,7 @@ from sysid.verdict.averaged import WIDER, Allowed, Kind, Together, widest
 from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Finding
 from sysid.verdict.linear import ENOUGH, PERHAPS, Found
-from sysid.verdict.view import View
+from sysid.verdict.linearised import LinearisedLog
 
 BESIDE = 0.1  # of a cell, by which a step is taken to see how tests change across it
 NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
@@ -60,7 +60,7 @@ class Template:
     weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     begins: np.ndarray = field(default_factory=lambda: np.zeros(0, int), repr=False)
     second: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
-    views: tuple[View, ...] = field(default=(), repr=False)
+    views: tuple[LinearisedLog, ...] = field(default=(), repr=False)
 
     @classmethod
     def of(
@@ -285,7 +285,7 @@ def _uncovered(
     return ""
 
 
-def _undescribed(state: State, views: Sequence[View], reference: tuple[float, float]) -> str:
+def _undescribed(state: State, views: Sequence[LinearisedLog], reference: tuple[float, float]) -> str:
     """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
     f0 = reference[0] + state.named.f0
     if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:

@@ -18,7 +18,7 @@ from sysid.model.theta import FINGER, NAMES, Theta
 from sysid.precision import makes_beside
 from sysid.trials import jitter
 from sysid.trials.experiment import group
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.renew import update
 from sysid.trials.trial import Trial, freedom, numbers_taken, with_noise
 
@@ -239,7 +239,7 @@ class Minimiser:
             if steps.taken_back(left, whole):
                 theta, trials = before
                 continue
-            courses = [Course.of(t, self.reference, theta) for t in trials]
+            courses = [LogResponse.of(t, self.reference, theta) for t in trials]
             trials, models, cost, moved = update(trials, members, seen.found, courses, k, white)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
@@ -280,7 +280,7 @@ class Minimiser:
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
         found = levenberg_marquardt(groups, theta, directions, 0, self.prior).found
-        courses = [Course.of(t, self.reference, theta) for t in trials]
+        courses = [LogResponse.of(t, self.reference, theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)
         cost = cost if np.isfinite(cost) else 0.0

@@ -17,7 +17,7 @@ from sysid.minimum.images import as_settled
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import Prior
 from sysid.model.theta import NAMES
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 F0 = NAMES.index("f0")
@@ -114,7 +114,7 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
     if not begun or found.cost < mode.cost + RISE:
         return found
     # As well with the gain that a settled response has there.
-    sizes = [abs(Course.of(begun[0], minimiser.reference, theta).free[0]) for theta in (near, mean)]
+    sizes = [abs(LogResponse.of(begun[0], minimiser.reference, theta).free[0]) for theta in (near, mean)]
     other = held.refine(*as_settled(mode.trials, mean, sizes[0] / sizes[1]), rounds=1)
     return min(found, other, key=lambda s: s.cost)
 

@@ -14,13 +14,16 @@ closed-form optimum, so that a fit and a posterior over any number of logs have 
 six. Each nu_c has a zero-mean normal prior ten times as wide as the log's response, lateness one of a row, or
 of a radian of the carrier where that is longer, which is all that its imaginary part has over a sweep; it
 enters as one more row and keeps columns apart that a log cannot separate (where a lone step cannot, the
-priors of feedthrough and lateness are narrower: `verdict.coincidence`). An amplitude log, w^2 = |G h + nu_1 e
-- nu_3 G h' + nu_4|^2 + nu_2, lifted as noise does it (`model.rice`), is linear in its nuisances only about
-their values: steps to these are taken at each plant. Where it is driven at its first row, h is the response
-that had settled by then, e the decay of that one, and nu_1, of prior 1, how much of it there is besides: no
-phase shows what else it began with. nu_4, an offset of d and q, is there where the log shows one
-(`verdict.standing`). Of a sweep nu_2 is the noise's square, given as well as its scatter tells it: how the
-means rise with it is a column like an offset.
+priors of feedthrough and lateness are narrower: `verdict.gain_confounding`). An amplitude log,
+
+    w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2,
+
+lifted as noise does it (`model.rice`), is linear in its nuisances only about their values: steps to these are
+taken at each plant. Where it is driven at its first row, h is the response that had settled by then, e the
+decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began
+with. nu_4, an offset of d and q, is there where the log shows one (`verdict.amplitude_offset`). Of a sweep
+nu_2 is the noise's square, given as well as its scatter tells it: how the means rise with it is a column like
+an offset.
 
 Where the noise of d and q differs, rows are whitened channel by channel, and what was linear with complex
 coefficients is so with real ones, two for each: the same shapes, and j times them. So it is where real and

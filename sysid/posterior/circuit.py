@@ -23,7 +23,7 @@ plate is in series between two, R/2 where it is across them. The motional branch
     coupling = Re Zs/R1 = Q/Q_ext        loaded Q = w_l L1/(R1 + Re Zs)        w_l L1 - 1/(w_l C1) + Im Zs = 0
 
 (Pozar, Microwave Engineering, 6.6). All of it is worked out at each draw of the posterior, with the
-feedthrough drawn beside it (`View.drawn`): errors and correlations are those of the draws.
+feedthrough drawn beside it (`LinearisedLog.drawn`): errors and correlations are those of the draws.
 """
 
 from collections.abc import Callable, Mapping
@@ -41,8 +41,8 @@ from sysid.shown import Shown
 from sysid.tables import units
 from sysid.verdict.bench import TOLD
 from sysid.verdict.fitted import Fit
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.result import Parameter
-from sysid.verdict.view import View
 
 CALIBRATED = 0.1  # rad, up to which an analyser's phase may be off and is taken as calibrated
 SEEN = 5.0  # standard deviations above zero, from which a capacitance is one: none of its draws is below
@@ -257,7 +257,7 @@ def _feedthrough(
     are none. `extra` (n,) rad: by what the model turns the plate without a demodulator."""
     state, rng, told = fit.modes[0], np.random.default_rng(seed), []
     away, resonance = _away(fit, draws), draws["f0"].ravel()
-    views = View.each(state, fit.reference, coloured=True)
+    views = LinearisedLog.each(state, fit.reference, coloured=True)
     views = [v for v in views if any(c.name == "feedthrough_d" for c in v.columns) and v.trial.resonant]
     views = [v for v in views if np.iscomplexobj(v.trial.log.response) and v.trial.log.drive is not None]
     under = ((f.log, _fed(fit, f.log)) for f in fit.logs)
@@ -275,7 +275,7 @@ def _feedthrough(
 
 
 def _of_log(
-    view: View,
+    view: LinearisedLog,
     away: np.ndarray,
     resonance: np.ndarray,
     covariance: np.ndarray,

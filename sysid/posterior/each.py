@@ -15,7 +15,7 @@ import numpy as np
 
 from sysid.model.theta import NAMES
 from sysid.verdict.fitted import Fit
-from sysid.verdict.view import View
+from sysid.verdict.linearised import LinearisedLog
 
 OWN = ("G", "tau", "f0")
 TOLD = 1e-6  # of the information of the log that tells most of a parameter; less is rounding
@@ -52,11 +52,13 @@ def own_estimates(fit: Fit) -> tuple[Own, ...]:
     if not fit.result.bounded:
         return ()
     return tuple(
-        own for state in fit.modes[:1] for own in _own(fit, View.each(state, fit.reference, coloured=True))
+        own
+        for state in fit.modes[:1]
+        for own in _own(fit, LinearisedLog.each(state, fit.reference, coloured=True))
     )
 
 
-def _own(fit: Fit, views: Sequence[View]) -> list[Own]:
+def _own(fit: Fit, views: Sequence[LinearisedLog]) -> list[Own]:
     names = [n for n in OWN if n in fit.names]
     index, joint = [NAMES.index(n) for n in names], fit.modes[0].spread
     shares = [
@@ -78,7 +80,7 @@ def _own(fit: Fit, views: Sequence[View]) -> list[Own]:
     return found
 
 
-def _joint(view: View, joint: np.ndarray) -> np.ndarray:
+def _joint(view: LinearisedLog, joint: np.ndarray) -> np.ndarray:
     """(6, 6) covariance of the joint estimate, with f0 at the log's temperature."""
     carry = np.eye(len(NAMES))
     carry[NAMES.index("f0"), NAMES.index("k_T")] = view.course.warming
@@ -97,7 +99,7 @@ def _estimate(
     return off, np.sqrt(own), off / np.sqrt(left)
 
 
-def _circle(view: View) -> tuple[np.ndarray, np.ndarray] | None:
+def _circle(view: LinearisedLog) -> tuple[np.ndarray, np.ndarray] | None:
     """Recorded and fitted response per unit of the drive, of the plate alone."""
     trial = view.trial
     if not (trial.swept and trial.signed and np.iscomplexobj(trial.log.response)):

@@ -19,12 +19,12 @@ from sysid.posterior.foreseen import PROMISES, Design, Raised, promised
 from sysid.posterior.mixture import Mixture
 from sysid.shown import Shown
 from sysid.trials.noise import Level
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial, with_noise
-from sysid.verdict.coincidence import loosened
 from sysid.verdict.fitted import Fit
+from sysid.verdict.gain_confounding import loosened
 from sysid.verdict.identify import RELATIVE, limits, seconds, shows_transient
-from sysid.verdict.view import View
+from sysid.verdict.linearised import LinearisedLog
 
 # times the limit of what counts as determined: the error of a parameter of which the logs say nothing
 UNKNOWN = 10.0
@@ -242,7 +242,7 @@ def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:
     state = fit.modes[0]
     found = state.prior.precision.copy()
     for trial, model in zip(trials, state.models, strict=True):
-        jacobian = View(trial, model, state, fit.reference, coloured=True).jacobian
+        jacobian = LinearisedLog(trial, model, state, fit.reference, coloured=True).jacobian
         found += trial.noise.told * jacobian.T @ jacobian
     if not np.any(state.dispersion):
         return found
@@ -309,11 +309,14 @@ class _Bench:
         steady = experiment.kind == "sweep"
         kind = "steady" if steady else "transient"
         silent = Trial.of(experiment.log(np.ones(experiment.rows, complex), self.trials[0].log), kind)
-        response, (std, time, levels) = Course.of(silent, reference, state.theta).forced, self._noise(steady)
+        response, (std, time, levels) = (
+            LogResponse.of(silent, reference, state.theta).forced,
+            self._noise(steady),
+        )
         if all(t.log.amplitude_only for t in self.trials):
             response = np.hypot(np.abs(response), std)  # noise lifts an amplitude
         trial = with_noise(replace(silent, log=replace(silent.log, response=response)), std, time, levels)
-        view = View(trial, response.astype(complex), state, reference, coloured=True)
+        view = LinearisedLog(trial, response.astype(complex), state, reference, coloured=True)
         return view.jacobian.T @ view.jacobian
 
     def _noise(self, steady: bool) -> tuple[float, float, tuple[Level, ...]]:

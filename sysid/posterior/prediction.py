@@ -10,7 +10,7 @@ from sysid import reading
 from sysid.logs.log import Log, LogError
 from sysid.model.span import orthonormal
 from sysid.shown import Shown
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 from sysid.verdict.fitted import Fit, FittedLog
 
@@ -71,7 +71,7 @@ def predict(fit: Fit, log: Log, bench: bool = True) -> Prediction:
     (first,), _ = reading.trials([log], BENCH if bench else ())
     state = fit.modes[0]
     trial = reading.read_as(first, log.sampling, state.tau).uncondensed()
-    course, noise = Course.of(trial, fit.reference, state.theta), _noise(fit.logs, trial)
+    course, noise = LogResponse.of(trial, fit.reference, state.theta), _noise(fit.logs, trial)
     response, jacobian = course.forced, course.derivatives()
     if log.amplitude_only:
         along = np.ones(len(trial.log)) if trial.signed else np.exp(-1j * np.angle(response))

@@ -15,7 +15,7 @@ from sysid.posterior.mixture import Mixture
 from sysid.posterior.surrogate import Density
 from sysid.trials.experiment import group
 from sysid.trials.extra import asked
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import limits
@@ -61,7 +61,7 @@ class Target:
     def _whole(self, trial: Trial) -> Trial:
         """The trial over all rows of the file."""
         whole, best = trial.uncondensed(), self.fit.modes[0]
-        course = Course.of(whole, self.fit.reference, best.theta)
+        course = LogResponse.of(whole, self.fit.reference, best.theta)
         return whole.with_bench(extra=asked(whole, course, (whole.bench.start, -whole.bench.late)))
 
     def theta(self, z: np.ndarray) -> np.ndarray:

@@ -15,9 +15,9 @@ fitted, the log gets a resonance of its own, about which the shape is taken; onl
 it to f0 and k_T.
 
 Drift and lag are fitted on request only: in a sweep of one direction a drift hides in f0 and tau. A gain is
-fitted on request, and where a sweep's feedthrough may be a delay (`verdict.through`); the thermometer's error
-where it moves the resonance by as much as the logs could show. A drifting baseline, also on request, does not
-depend on the plate and is one of `Trial.shapes`.
+fitted on request, and where a sweep's feedthrough may be a delay (`verdict.sensor_delay`); the thermometer's
+error where it moves the resonance by as much as the logs could show. A drifting baseline, also on request,
+does not depend on the plate and is one of `Trial.shapes`.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.trials.bench import Extra
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 EXTRA = ("drift", "lag", "gain", "baseline")
@@ -39,14 +39,14 @@ TOLD, UNTOLD = (
 )  # standard deviations of f0 from which a thermometer's error is fitted, and mentioned where it cannot be
 
 
-def asked(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
+def asked(trial: Trial, course: LogResponse, beside: tuple[complex, complex]) -> dict[str, Extra]:
     """The effects that are asked for and that the log can show, by name; arguments as in `possible`."""
     if set(UNITS).isdisjoint(trial.nuisances):
         return {}
     return {name: extra for name, extra in possible(trial, course, beside).items() if name in trial.nuisances}
 
 
-def renewed(new: Trial, course: Course, numbers: np.ndarray) -> Trial:
+def renewed(new: Trial, course: LogResponse, numbers: np.ndarray) -> Trial:
     """The trial with new shapes for the effects asked for. With its thermometer's error it has a resonance of
     its own: first that of theta, then moved to first order by `numbers` (E,), the coefficients of the
     course's columns. A resonance far away is reached in several rounds."""
@@ -89,8 +89,9 @@ def with_thermometers(
     return tuple(found), said
 
 
-def possible(trial: Trial, course: Course, beside: tuple[complex, complex]) -> dict[str, Extra]:
-    """The effects that the log can show, by name; `beside`: start and lateness, as for `Course.changed`."""
+def possible(trial: Trial, course: LogResponse, beside: tuple[complex, complex]) -> dict[str, Extra]:
+    """The effects that the log can show, by name; `beside`: start and lateness, as `LogResponse.changed` has
+    them."""
     if not (trial.signed and trial.driven):
         return {}
     found = {name: Extra(shape, prior) for name, shape, prior in _shapes(trial, course, beside)}
@@ -98,7 +99,7 @@ def possible(trial: Trial, course: Course, beside: tuple[complex, complex]) -> d
 
 
 def _shapes(
-    trial: Trial, course: Course, beside: tuple[complex, complex]
+    trial: Trial, course: LogResponse, beside: tuple[complex, complex]
 ) -> Iterator[tuple[str, np.ndarray, float]]:
     log, tau = trial.log, course.tau
     turning, held = 2j * np.pi * np.ones(len(log)), np.ones(len(course.hold.drive))

@@ -20,7 +20,7 @@ from scipy.linalg.lapack import dpttrf, dpttrs
 
 from sysid.model.span import orthonormal, times
 from sysid.trials.noise import ALIKE, ODD, ROUNDING, forgotten
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.projected import shared
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, whitened
@@ -39,14 +39,14 @@ SHORTEST, LONGEST, TIMES = (
 SIZES = np.geomspace(0.3, 100.0, 10)  # tried ratios of |W| phi at the largest response to sigma
 
 
-def found(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
+def found(trial: Trial, model: np.ndarray, course: LogResponse) -> Jitter | None:
     """The phase noise of a d/q log whose modelled rows are `model` (n,); None where it is not worth two
     numbers."""
     seen = _likeliest(trial, model, course)
     return seen and seen._replace(left=_efficiency(trial, model, course, seen))
 
 
-def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None:
+def _likeliest(trial: Trial, model: np.ndarray, course: LogResponse) -> Jitter | None:
     """The likeliest size and time of the phase noise; its cost in information is not yet computed."""
     used = trial.noise.used
     size = np.abs(model[used])
@@ -82,7 +82,7 @@ def _likeliest(trial: Trial, model: np.ndarray, course: Course) -> Jitter | None
     return Jitter(float(ratio) * level / float(np.max(size * weight)), float(time) * typical, level)
 
 
-def _efficiency(trial: Trial, model: np.ndarray, course: Course, jitter: Jitter) -> float:
+def _efficiency(trial: Trial, model: np.ndarray, course: LogResponse, jitter: Jitter) -> float:
     """The share of the stated information on G, tau and f0 that is left; the least of those that the log
     shows at all (no decay shows G), at most 1."""
     used = trial.noise.used

@@ -30,7 +30,7 @@ FAR = 1e150  # rad/s, a carrier so fast that only the slow mode is left
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class LogResponse:
     """The response of one log at theta, per unit rotation, as `model.likelihood.basis` computes it; arrays
     over the rows (n,). At low Q the fast mode is taken as settled: how it rings depends on the carrier's
     phase, which may be far off."""
@@ -40,7 +40,7 @@ class Course:
     theta: np.ndarray
 
     @classmethod
-    def of(cls, trial: Trial, reference: tuple[float, float], theta: np.ndarray) -> "Course":
+    def of(cls, trial: Trial, reference: tuple[float, float], theta: np.ndarray) -> "LogResponse":
         """Of a log whose inputs are offsets from `reference` (Hz, degC)."""
         return cls(trial, trial.hold(reference), theta)
 
@@ -114,7 +114,7 @@ class Course:
         return self.response.rate
 
     @cached_property
-    def envelope(self) -> "Course":
+    def envelope(self) -> "LogResponse":
         """The same in the approximation of a slowly varying envelope, without terms of order 1/Q."""
         return replace(
             self, hold=self.hold._replace(omega=np.where(np.isfinite(self.hold.omega), FAR, np.nan))
@@ -181,7 +181,7 @@ class Course:
         return self.by_row.changed(0.5 * (rates[np.maximum(row - 1, 0)] + rates[row]), start, late)
 
     @cached_property
-    def by_row(self) -> "Course":
+    def by_row(self) -> "LogResponse":
         """The same with the intervals (M') also cut at each row."""
         return replace(self, hold=self._cut[0])
 

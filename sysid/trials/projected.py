@@ -16,12 +16,12 @@ Econometrica 50, 1, 1982)
 import numpy as np
 
 from sysid.model.carry import accumulated
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import whitened
 
 
-def efficiency(trial: Trial, course: Course) -> float:
+def efficiency(trial: Trial, course: LogResponse) -> float:
     """Information about the plant in a log of amplitudes, relative to what the fit states: the least over the
     parameters, at most 1."""
     noise, used = trial.noise, trial.noise.used

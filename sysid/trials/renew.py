@@ -9,8 +9,8 @@ import numpy as np
 from sysid.model.experiment import Residual
 from sysid.rows import rounding
 from sysid.trials.extra import renewed
-from sysid.trials.perturbed import Course
-from sysid.trials.residuals import heard
+from sysid.trials.perturbed import LogResponse
+from sysid.trials.residuals import update_noise
 from sysid.trials.rounds import HELD
 from sysid.trials.trial import Trial, freedom, freedoms, numbers_left
 from sysid.trials.whitening import Noise
@@ -20,7 +20,7 @@ def update(
     trials: Sequence[Trial],
     members: Sequence[Sequence[int]],
     found: Sequence[Residual],
-    courses: Sequence[Course],
+    courses: Sequence[LogResponse],
     round_: int,
     white: bool = False,
 ) -> tuple[tuple[Trial, ...], tuple[np.ndarray, ...], float, float]:
@@ -108,7 +108,7 @@ def _cost_of_outliers(trial: Trial, model: np.ndarray) -> float:
 def _renew(
     trial: Trial,
     model: np.ndarray,
-    course: Course,
+    course: LogResponse,
     start: complex,
     floor: float,
     late: float,
@@ -118,7 +118,7 @@ def _renew(
 ) -> Trial:
     """The trial with the noise that its residual shows, its start and its lateness; for an amplitude log also
     its floor and an offset."""
-    new = heard(trial, trial.as_recorded(model), course, floor, round_, white)
+    new = update_noise(trial, trial.as_recorded(model), course, floor, round_, white)
     late = late * trial.lateness / trial.looseness
     if trial.signed:
         return new.with_bench(start=start, late=late)

@@ -21,7 +21,7 @@ from sysid.trials.noise import (
     spikes,
     tails,
 )
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.projected import efficiency
 from sysid.trials.rounded import with_rounding
 from sysid.trials.rounds import HELD, SETTLED, WHOLE, halfway
@@ -37,8 +37,8 @@ BEGINS = 5
 FEW = 100  # rows: fewer may look white although their noise is coloured enough to matter
 
 
-def heard(
-    trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int, white: bool = False
+def update_noise(
+    trial: Trial, model: np.ndarray, course: LogResponse, floor: float, round_: int, white: bool = False
 ) -> Trial:
     """The trial with the noise that its residual shows; `floor`: square of the noise that lifts amplitudes,
     of an amplitude log. `white`: nothing but its level is asked for."""
@@ -60,7 +60,7 @@ def heard(
     return new
 
 
-def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, round_: int) -> Trial:
+def _with_spread(trial: Trial, model: np.ndarray, course: LogResponse, floor: float, round_: int) -> Trial:
     """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional
     to the response, or the effect of time stamps that scatter while the response moves. Where the log states
     it, it is known."""
@@ -78,7 +78,7 @@ def _with_spread(trial: Trial, model: np.ndarray, course: Course, floor: float, 
     return replace(trial, noise=replace(trial.noise, share=share, scatter=scatter, spread=spread))
 
 
-def _scatter(trial: Trial, model: np.ndarray, course: Course, round_: int) -> tuple[float, np.ndarray]:
+def _scatter(trial: Trial, model: np.ndarray, course: LogResponse, round_: int) -> tuple[float, np.ndarray]:
     """By how much a transient's time stamps scatter, over its noise level, judged from rows past which the
     response moves; and how fast it moves, (n,). A scatter of more than a row has another cause."""
     log, still = trial.log, (0.0, np.zeros(len(model)))

@@ -28,8 +28,8 @@ import numpy as np
 from sysid.model.theta import NAMES
 from sysid.verdict.finding import Finding
 from sysid.verdict.linear import Linear, Scored
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
-from sysid.verdict.view import View
 
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
@@ -217,7 +217,7 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
 
 
 def widest(
-    some: Sequence[tuple[Allowed, np.ndarray, float]], names: Sequence[str], views: Sequence[View]
+    some: Sequence[tuple[Allowed, np.ndarray, float]], names: Sequence[str], views: Sequence[LinearisedLog]
 ) -> Hint | None:
     """The effect that adds most to the error that grows most, of `some` with their numbers and how likely
     they are; None where the error grows little."""

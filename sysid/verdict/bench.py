@@ -16,8 +16,8 @@ import numpy as np
 from sysid.trials.extra import UNITS
 from sysid.trials.trial import Trial, freedom
 from sysid.verdict.fitted import Fit
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.result import NORMAL95, Parameter
-from sysid.verdict.view import View
 
 TOLD = 0.5  # of its prior's standard deviation: above, the log says little of it
 ANY_ANGLE = 180.0 / np.sqrt(3.0)  # deg, the standard deviation of an angle of which nothing is known
@@ -40,10 +40,12 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     the response at resonance; `noise` is one channel's standard deviation; where those of d and q differ it
     is their root mean square, with `noise_d` and `noise_q`."""
     state = fit.modes[0]
-    return tuple(_of_one(view, state.spread) for view in View.each(state, fit.reference, coloured=True))
+    return tuple(
+        _of_one(view, state.spread) for view in LinearisedLog.each(state, fit.reference, coloured=True)
+    )
 
 
-def _of_one(view: View, covariance: np.ndarray) -> dict[str, Parameter]:
+def _of_one(view: LinearisedLog, covariance: np.ndarray) -> dict[str, Parameter]:
     found = {}
     if view.columns:
         values, errors = (

@@ -6,13 +6,13 @@ import numpy as np
 
 from sysid.logs.log import Log
 from sysid.rows.thermometer import was_read
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
-from sysid.verdict.view import View
 
 OFF = 3.0  # degC, by which a thermometer may be off; of more something else is the likelier cause
 
 
-def between(views: list[View], free: Sequence[str]) -> Iterator[Term]:
+def between(views: list[LinearisedLog], free: Sequence[str]) -> Iterator[Term]:
     """What one log would have for itself if it contradicts the others. Of two logs either may be the one to
     believe."""
     if len(views) < 2:
@@ -107,7 +107,9 @@ def _own(name: str, what: str, put: Callable[[float], str]) -> Callable[[np.ndar
     return lambda value, _: own(name, what, put(float(value[0])))
 
 
-def _elsewhere(view: View, others: Sequence[Log], warmed: bool) -> Callable[[np.ndarray, np.ndarray], str]:
+def _elsewhere(
+    view: LinearisedLog, others: Sequence[Log], warmed: bool
+) -> Callable[[np.ndarray, np.ndarray], str]:
     """`warmed`: k_T is fitted."""
     k_T = float(view.course.named.k_T) if warmed else 0.0
     log = view.trial.log

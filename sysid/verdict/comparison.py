@@ -23,7 +23,7 @@ from sysid.shown import Shown
 from sysid.trials.extra import EXTRA, UNITS
 from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict.fitted import Fit
-from sysid.verdict.view import View
+from sysid.verdict.linearised import LinearisedLog
 
 # Leaving out k numbers that are not needed changes elpd by k - chi^2_k/2: it falls by more than this in 3.6 %
 # of cases if k = 1, in 4.1 % if k = 2, and more seldom the larger k is; of logs as short as a bench's a
@@ -93,9 +93,11 @@ class _Logs:
         self.std = np.sqrt(np.diag(self.state.spread))[self.index]
         self.view = cache(self._view)  # of a log, by its place, with these nuisances
 
-    def _view(self, log: int, kept: tuple[str, ...]) -> View:
+    def _view(self, log: int, kept: tuple[str, ...]) -> LinearisedLog:
         trial, model = self.state.trials[log], self.state.models[log]
-        return View(replace(trial, nuisances=kept), model, self.state, self.fit.reference, coloured=True)
+        return LinearisedLog(
+            replace(trial, nuisances=kept), model, self.state, self.fit.reference, coloured=True
+        )
 
     def described(self, nuisances: tuple[str, ...], physics: str = "exact") -> tuple[np.ndarray, np.ndarray]:
         """elpd of each row, and the change of the plant's parameters from the fit's; NaN for one that the
@@ -148,7 +150,7 @@ def _can_hold(trial: Trial, nuisance: str) -> bool:
     return len(replace(trial, nuisances=(nuisance,)).columns) > 0
 
 
-def _left(view: View, kept: tuple[str, ...], physics: str) -> np.ndarray:
+def _left(view: LinearisedLog, kept: tuple[str, ...], physics: str) -> np.ndarray:
     """The log (n,) less what the plate does at the fit, with nothing of what the bench adds taken away."""
     trial, log, course = view.trial, view.trial.log, view.course
     if not trial.signed:
@@ -166,7 +168,7 @@ def _left(view: View, kept: tuple[str, ...], physics: str) -> np.ndarray:
     return log.response - settling * (along / abs(along) if along and "rotation" in kept else 1.0)
 
 
-def _elpd(view: View, jacobian: np.ndarray, left: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+def _elpd(view: LinearisedLog, jacobian: np.ndarray, left: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """Log density of each real row of a log, predicted from the others; up to a constant of the log."""
     rows = len(view.recorded) - view.priors
     leverage = np.sum(view.basis[:rows] ** 2, axis=1) + np.einsum(

@@ -13,14 +13,14 @@ from sysid.model.plant import Plant
 from sysid.model.theta import FINGER, NAMES, PLANT, carried, in_units, std_of
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, recorder, wording
+from sysid.verdict.conjugate_phase import mirrored
 from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.immediate import responds_at_once
+from sysid.verdict.inconsistent_log import odd_ones
 from sysid.verdict.linear import Found
-from sysid.verdict.mirrored import mirrored
 from sysid.verdict.misfit import Misfits, misfits
-from sysid.verdict.odd import odd_ones
 from sysid.verdict.result import Result
 from sysid.verdict.unexplained import left_of, slow
 
@@ -32,7 +32,7 @@ SHARES = 0.9  # of the error that the logs alone leave of a parameter: below, th
 
 
 @dataclass(frozen=True)
-class Question:
+class FitProblem:
     """What is asked of the logs: the parameters that are free, and the priors that are stated of them."""
 
     minimiser: Minimiser
@@ -57,7 +57,7 @@ class Judged(NamedTuple):
 
 
 def conclude(
-    question: Question, states: Sequence[State], hung: Sequence[str], judged: Judged | None = None
+    question: FitProblem, states: Sequence[State], hung: Sequence[str], judged: Judged | None = None
 ) -> Fit:
     """The fit whose minima are `states`, the best first, of which the error of G is that of the nuisances
     `hung`; `judged` unless that is known."""
@@ -90,7 +90,7 @@ def conclude(
     )
 
 
-def _fit(question: Question, states: Sequence[State]) -> Fit:
+def _fit(question: FitProblem, states: Sequence[State]) -> Fit:
     """The plant and its covariance, as if the model described the logs."""
     best, free, reference = states[0], question.minimiser.free, question.minimiser.reference
     G, tau = best.G, best.tau
@@ -121,7 +121,7 @@ def _fit(question: Question, states: Sequence[State]) -> Fit:
     )
 
 
-def _judged(question: Question, best: State, at: float | None, hangs: bool) -> Judged:
+def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) -> Judged:
     """What the model does not describe. `at` (degC): where f0 is told. `hangs`: G does, on how late the
     response is."""
     reference, free = question.minimiser.reference, question.minimiser.free

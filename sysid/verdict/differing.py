@@ -18,7 +18,7 @@ The estimate stays what it was, each log weighed by its own errors: logs that di
 accuracy. What remains unseen puts the mean of two equal logs up to 2 of its errors off, of three up to 1.7. A
 step beside a log that tells G can take a gain of its own for a feedthrough and a lateness that cancel, or for
 an offset and a start, in any size. So G is compared as each log would tell it alone, where these are as small
-as they look (`verdict.coincidence`).
+as they look (`verdict.gain_confounding`).
 """
 
 from collections.abc import Sequence
@@ -31,8 +31,8 @@ from scipy.special import gammaincc
 from sysid.minimum.minimise import State
 from sysid.model.span import inverted
 from sysid.model.theta import NAMES, PLANT
-from sysid.verdict.coincidence import cancelling, may_cancel, tightened
-from sysid.verdict.view import View
+from sysid.verdict.gain_confounding import cancelling, may_cancel, tightened
+from sysid.verdict.linearised import LinearisedLog
 
 # as an interval of 95 % is believed: rarer ones would leave what is not seen larger than the intervals
 CHANCE = 20
@@ -103,7 +103,7 @@ class _Compared:
     do."""
 
     def __init__(self, state: State, reference: tuple[float, float], names: Sequence[str]):
-        self.views = views = View.each(state, reference, coloured=True)
+        self.views = views = LinearisedLog.each(state, reference, coloured=True)
         self.names, self.index = names, [NAMES.index(n) for n in names]
         told = [
             np.sqrt(v.trial.noise.told) for v in views
@@ -139,7 +139,7 @@ class _Compared:
         return moves
 
 
-def _in_full(found: Differ, views: Sequence[View]) -> Differ:
+def _in_full(found: Differ, views: Sequence[LinearisedLog]) -> Differ:
     """Gains that differ, in the size that a feedthrough and a lateness have which cancel: as small as they
     look, they make up for a part. A share 1/n of its square is the variance that n logs show."""
     gains = {i: shown[0] - 1 for i in found.held if (shown := cancelling(views[i])) is not None}

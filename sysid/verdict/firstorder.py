@@ -9,8 +9,8 @@ from sysid.effects.effect import About, Effect
 from sysid.effects.number import Number
 from sysid.effects.registry import EFFECTS
 from sysid.trials.trial import Trial
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import UNNAMED, Term
-from sysid.verdict.view import View
 
 STEP = 1e-4  # prior standard deviations: of a difference, whose error is in proportion to it
 LEAST = 1e-9  # of a shape: less is rounding
@@ -19,7 +19,7 @@ WITHIN = 2.0  # prior standard deviations; a larger number is of something else
 
 
 def of_effects(
-    views: Mapping[int, View], about: About, effects: Sequence[Effect] = EFFECTS
+    views: Mapping[int, LinearisedLog], about: About, effects: Sequence[Effect] = EFFECTS
 ) -> Iterator[Term]:
     """All that these effects may be in the logs: in each for itself, or in all that show them."""
     for effect in effects:
@@ -29,7 +29,9 @@ def of_effects(
                 yield from _terms(effect, group, next(iter(group)) if len(group) == 1 else None, about)
 
 
-def _terms(effect: Effect, views: Mapping[int, View], log: int | None, about: About) -> Iterator[Term]:
+def _terms(
+    effect: Effect, views: Mapping[int, LinearisedLog], log: int | None, about: About
+) -> Iterator[Term]:
     """Of one effect in these logs, at all places. A coefficient is one of its `linear` numbers in prior
     standard deviations; where it has none, 1 is all that it does."""
     view = next(iter(views.values()))
@@ -56,7 +58,7 @@ def _terms(effect: Effect, views: Mapping[int, View], log: int | None, about: Ab
         )
 
 
-def _even(view: View) -> bool:
+def _even(view: LinearisedLog) -> bool:
     """Settled points in even noise, of which nothing but the plate leans a peak by as little as it does."""
     noise = view.trial.noise
     return view.trial.steady and not (noise.coloured or noise.share)
@@ -70,7 +72,7 @@ def _apart(places: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _shapes(
-    effect: Effect, views: Mapping[int, View], place: np.ndarray, stds: np.ndarray, about: About
+    effect: Effect, views: Mapping[int, LinearisedLog], place: np.ndarray, stds: np.ndarray, about: About
 ) -> tuple[dict[int, np.ndarray], list[int]]:
     """Of each log (n, m), and which numbers they are of: those that do something."""
     numbers = list(effect.linear)

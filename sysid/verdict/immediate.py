@@ -10,8 +10,8 @@ import numpy as np
 
 from sysid.minimum.minimise import State
 from sysid.trials.trial import Trial
-from sysid.verdict.coincidence import complex_of
-from sysid.verdict.view import View
+from sysid.verdict.gain_confounding import complex_of
+from sysid.verdict.linearised import LinearisedLog
 
 # of the settled response: more than any bench is known to feed through to a sensor of the plate's own motion
 FED = 0.15
@@ -24,7 +24,7 @@ def responds_at_once(state: State, reference: tuple[float, float]) -> list[str]:
     if any(t.resonant and np.ptp(t.log.frequency) > 0 for t in state.trials):
         return []
     views = (
-        View(t, m, state, reference, coloured=True)
+        LinearisedLog(t, m, state, reference, coloured=True)
         for t, m in zip(state.trials, state.models, strict=True)
         if _steps(t)
     )
@@ -35,7 +35,7 @@ def _steps(trial: Trial) -> bool:
     return not trial.steady and trial.driven and trial.signed and "feedthrough" in trial.shapes
 
 
-def _of(view: View, state: State) -> str | None:
+def _of(view: LinearisedLog, state: State) -> str | None:
     through = complex_of(view, "feedthrough", np.conj(view.turn))
     value = complex(through @ np.array([c.value for c in view.columns]))
     error = float(

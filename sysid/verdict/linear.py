@@ -12,9 +12,9 @@ from sysid.effects.number import Number
 from sysid.minimum.minimise import State
 from sysid.model.span import inverted
 from sysid.model.theta import NAMES, carried
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import UNNAMED, Term
 from sysid.verdict.throughout import CURVED
-from sysid.verdict.view import View
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
@@ -116,7 +116,7 @@ class Linear:
     """The joint fit of the parameters `names`, linearised: what one more term would change of what is
     reported `away` (degC) from the mean temperature."""
 
-    def __init__(self, views: list[View], state: State, names: list[str], away: float):
+    def __init__(self, views: list[LinearisedLog], state: State, names: list[str], away: float):
         index = [NAMES.index(n) for n in names]
         self.views, self.names, self.away = views, names, away
         self.reported = carried(away)[np.ix_(index, index)]

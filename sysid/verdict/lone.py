@@ -21,7 +21,7 @@ from sysid.minimum.minimise import State
 from sysid.model.theta import NAMES, POSITIVE, carried
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
-from sysid.verdict.view import View
+from sysid.verdict.linearised import LinearisedLog
 
 # Of two readings that tell alike one leaves twice the variance. At ten times the others hold a tenth of what
 # is known, and contradict a reading that is wrong only from ten of the stated errors on, three of theirs.
@@ -35,14 +35,14 @@ def resting(
     reference: tuple[float, float],
     free: Sequence[str],
     at: float | None,
-    views: Sequence[View] | None = None,
+    views: Sequence[LinearisedLog] | None = None,
 ) -> dict[str, str]:
     """Why a parameter of `free` is not determined though its interval is narrow: one reading decides it. `at`
     (degC): where f0 is reported; `views`: of the logs at that minimum, where they are made."""
     told = [n for n in free if _error(state, n, reference, at) <= _limit(state, n)]
     if not told or not state.converged or all(t.silent for t in state.trials):
         return {}
-    views = [_on_a_floor(view) for view in views or View.each(state, reference)]
+    views = [_on_a_floor(view) for view in views or LinearisedLog.each(state, reference)]
     shown = np.stack([_along(n, reference, at) for n in told])
     grown, errors = _without_one(views, shown, [NAMES.index(n) for n in free])
     said = {}
@@ -58,7 +58,7 @@ def resting(
     return said
 
 
-def _on_a_floor(view: View) -> View:
+def _on_a_floor(view: LinearisedLog) -> LinearisedLog:
     """The amplitudes of a driven sweep on a floor that is as free as in one without a drive: whether a
     reading decides does not hang on a drive that somebody wrote down."""
     trial, under = view.trial, view.trial.bench.under
@@ -72,7 +72,7 @@ def _on_a_floor(view: View) -> View:
 
 
 def _without_one(
-    views: Sequence[View], shown: np.ndarray, index: Sequence[int]
+    views: Sequence[LinearisedLog], shown: np.ndarray, index: Sequence[int]
 ) -> tuple[list[np.ndarray], np.ndarray]:
     """Of each log (n, k): by what the variance of each of `shown` (k, 6), combinations of theta, of which
     `index` is free, grows without one reading; 1 of a mean of several. And the standard deviation (k,) with
@@ -87,7 +87,7 @@ def _without_one(
     return [_of_one(v, j @ half, along) for v, j in zip(views, jacobians, strict=True)], errors
 
 
-def _of_one(view: View, white: np.ndarray, along: np.ndarray) -> np.ndarray:
+def _of_one(view: LinearisedLog, white: np.ndarray, along: np.ndarray) -> np.ndarray:
     """(n, k) of one log. Its Jacobian, less what its nuisances make of it, is `white` (rows, p), of
     parameters of unit variance; `along` (p, k): the sums of these that are shown."""
     n, channels = view.n, 2 if np.iscomplexobj(view.residual) else 1

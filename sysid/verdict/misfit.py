@@ -22,14 +22,14 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.verdict.averaged import Average, averaged
 from sysid.verdict.between import own, times
-from sysid.verdict.coincidence import cancelling
+from sysid.verdict.gain_confounding import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
-from sysid.verdict.moments import ASTRAY, LATE, at_changes
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import RUNNING, terms
 from sysid.verdict.throughout import CURVED
+from sysid.verdict.timing import ASTRAY, LATE, at_changes
 from sysid.verdict.unexplained import left_of
-from sysid.verdict.view import View
 from sysid.verdict.wording import OFTEN, UNSAID
 
 # standard deviations of its prior, by which a response may be late before more than its first order matters
@@ -56,7 +56,7 @@ class Misfits(NamedTuple):
             return Average.none()
         fit = self.fit
         if any(t.noise.coloured for t in state.trials):
-            fit = Linear(View.each(state, reference, coloured=True), state, fit.names, fit.away)
+            fit = Linear(LinearisedLog.each(state, reference, coloured=True), state, fit.names, fit.away)
         return averaged(fit, self.tried)
 
 
@@ -64,7 +64,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     """Of a minimum. `at` (degC): where parameters are reported."""
     if all(t.silent for t in state.trials):
         return Misfits([], [])
-    views = View.each(state, reference)
+    views = LinearisedLog.each(state, reference)
     away = 0.0 if at is None else at - reference[1]
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
     tried = terms(views, free, About.of(state, reference), away)
@@ -101,7 +101,7 @@ def described(minimiser: Minimiser, state: State, beside: float = 0.0) -> bool:
     return state.converged and not certain and all(x is None or x.noise for x in left)
 
 
-def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
+def _very_late(i: int, view: LinearisedLog, fit: "Linear") -> Found | None:
     """A response so late that more than its first order matters: t^2 d^2W/dt^2 behind a filter, half of that
     for a delay. Where the logs say that neither is there, it is not late, and noise or another parameter
     looks so to first order."""
@@ -120,7 +120,7 @@ def _very_late(i: int, view: View, fit: "Linear") -> Found | None:
     return found if found.harmful else None
 
 
-def _outlying(i: int, view: View) -> Found | None:
+def _outlying(i: int, view: LinearisedLog) -> Found | None:
     """The worst outliers of a log beside a change of its inputs, if they are what the response shows when it
     is elsewhere in time by more than it may be: of the row at the change what comes later, of several rows
     after it what points along the response, as the fit has made up for the rest."""
@@ -153,7 +153,7 @@ def _outlying(i: int, view: View) -> Found | None:
     return None
 
 
-def _earlier(view: View, run: np.ndarray) -> float:
+def _earlier(view: LinearisedLog, run: np.ndarray) -> float:
     """What is left of a run of rows when they show what the model does later."""
     c, tried = view.course, view.course.tau * np.geomspace(0.01, 4, 48)
     return min(
@@ -162,13 +162,13 @@ def _earlier(view: View, run: np.ndarray) -> float:
     )
 
 
-def _aslant(view: View, run: np.ndarray) -> float:
+def _aslant(view: LinearisedLog, run: np.ndarray) -> float:
     """What of a run of rows does not point along the response's change there."""
     along = view.model[run[-1]] - view.model[run[0] - 1]
     return float(np.linalg.norm((view.residual[run] * np.conj(along)).imag / (np.abs(along) or 1.0)))
 
 
-def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
+def _runs_on(i: int, view: LinearisedLog, fit: "Linear") -> str | None:
     """What a sweep of one direction cannot tell, whose delay is stated, from a frequency that runs on between
     its rows: half a step."""
     log, changes = view.trial.log, np.diff(view.trial.log.frequency) if view.trial.resonant else np.zeros(1)
@@ -188,7 +188,7 @@ def _runs_on(i: int, view: View, fit: "Linear") -> str | None:
     return RUNNING.format(log.name, moved, way, moved / fit.std[f0])
 
 
-def _row_before(i: int, view: View, fit: "Linear") -> str | None:
+def _row_before(i: int, view: LinearisedLog, fit: "Linear") -> str | None:
     """That `sampling` is not stated of a transient whose lateness is known, and would move the parameters
     far: `settled` has each row show the response a row earlier."""
     trial = view.trial
@@ -211,14 +211,14 @@ def _row_before(i: int, view: View, fit: "Linear") -> str | None:
     )
 
 
-def error_of_lateness(view: View, fit: "Linear") -> float:
+def error_of_lateness(view: LinearisedLog, fit: "Linear") -> float:
     """Standard deviation (s) of how late the response is."""
     k = next(k for k, c in enumerate(view.columns) if c.name in ("late", "late_d"))
     share = view.trial.lateness / view.columns[k].prior
     return share * float(np.sqrt(view.covariance(fit.covariance)[k, k]))
 
 
-def _cancelling(i: int, view: View, threshold: float) -> Found | None:
+def _cancelling(i: int, view: LinearisedLog, threshold: float) -> Found | None:
     """A gain of its own that a log shows as a feedthrough and a lateness that cancel."""
     found = cancelling(view)
     if found is None or found[1] < threshold:

@@ -9,10 +9,10 @@ import numpy as np
 from sysid.effects.effect import About
 from sysid.verdict.between import between
 from sysid.verdict.firstorder import of_effects
-from sysid.verdict.moments import moments
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term, of_one
 from sysid.verdict.throughout import of_all
-from sysid.verdict.view import View
+from sysid.verdict.timing import moments
 
 LEAST = 1e-9  # of a shape: less is rounding
 RUNNING = (
@@ -23,7 +23,7 @@ RUNNING = (
 RINGING = (0.25, 1.0)  # half bandwidths beside the resonance, at which an amplitude rings
 
 
-def terms(views: list[View], free: Sequence[str], about: About, away: float) -> list[Term]:
+def terms(views: list[LinearisedLog], free: Sequence[str], about: About, away: float) -> list[Term]:
     """All that is tried, of what looks alike the simplest first: a log of another gain before a law of the
     drive. Parameters are reported `away` (degC) from the mean temperature of the logs."""
     return list(
@@ -36,7 +36,7 @@ def terms(views: list[View], free: Sequence[str], about: About, away: float) -> 
     )
 
 
-def _of_one(i: int, view: View) -> Iterator[Term]:
+def _of_one(i: int, view: LinearisedLog) -> Iterator[Term]:
     """What one log may hold for itself."""
     trial = view.trial
     if not trial.driven and not trial.steady:
@@ -49,7 +49,7 @@ def _of_one(i: int, view: View) -> Iterator[Term]:
         yield from chain(_under_amplitude(i, view), moments(i, view))
 
 
-def _off_resonance(i: int, view: View) -> Iterator[Term]:
+def _off_resonance(i: int, view: LinearisedLog) -> Iterator[Term]:
     """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is
     taken to be. By x half bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by
     about x^2."""
@@ -71,7 +71,7 @@ def _off_resonance(i: int, view: View) -> Iterator[Term]:
     )
 
 
-def _beating(i: int, view: View) -> Iterator[Term]:
+def _beating(i: int, view: LinearisedLog) -> Iterator[Term]:
     """The same of an amplitude: it rises as |1 - exp(-(1 - j x) t/tau)|, a part of x^2 faster, and rings."""
     name, c = view.trial.log.name, view.course
     along = np.exp(1j * np.angle(c.forced))
@@ -82,7 +82,7 @@ def _beating(i: int, view: View) -> Iterator[Term]:
         yield of_one(i, "off_resonance", shape, f"{said}; record wd, wq and the frequency")
 
 
-def _background(i: int, view: View) -> Iterator[Term]:
+def _background(i: int, view: LinearisedLog) -> Iterator[Term]:
     """What lies in parallel to the resonance, over a sweep, and bends."""
     log = view.trial.log
     if log.frequency is None or np.ptp(log.frequency) == 0 or not view.trial.signed:
@@ -94,7 +94,7 @@ def _background(i: int, view: View) -> Iterator[Term]:
     yield Term("background", shapes, lambda *_: f"{said} about the peak", i, freedom=2, alike=True)
 
 
-def _under_amplitude(i: int, view: View) -> Iterator[Term]:
+def _under_amplitude(i: int, view: LinearisedLog) -> Iterator[Term]:
     """An offset o of d and q of which an amplitude |W + o| is all that was recorded."""
     if view.trial.signed or view.trial.bench.standing:
         return

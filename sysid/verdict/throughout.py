@@ -7,8 +7,8 @@ import numpy as np
 from sysid.model.theta import FINGER
 from sysid.rows.hold import contact, force_of
 from sysid.trials.trial import LEAST_WARMING
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
-from sysid.verdict.view import View
 
 CURVED = "curved"
 ANOTHER_LAW = (
@@ -18,7 +18,7 @@ ANOTHER_LAW = (
 )
 
 
-def of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
+def of_all(views: list[LinearisedLog], away: float, free: Sequence[str]) -> Iterator[Term]:
     """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with
     temperature; parameters are reported `away` (degC) from the logs' mean temperature."""
     yield from _finger(views, free)
@@ -26,7 +26,7 @@ def of_all(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term
     yield from _temperature(views, away)
 
 
-def _finger(views: list[View], free: Sequence[str]) -> Iterator[Term]:
+def _finger(views: list[LinearisedLog], free: Sequence[str]) -> Iterator[Term]:
     """A finger that damps by another law of its force."""
     touched = {i: v for i, v in enumerate(views) if v.trial.touched}
     if touched and FINGER[0] in free:
@@ -38,7 +38,7 @@ def _finger(views: list[View], free: Sequence[str]) -> Iterator[Term]:
         yield Term("law_of_the_finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
 
 
-def _temperature(views: list[View], away: float) -> Iterator[Term]:
+def _temperature(views: list[LinearisedLog], away: float) -> Iterator[Term]:
     """G and tau that change with the temperature."""
     warm = [float(np.mean(v.course.hold.warming)) for v in views]
     if np.ptp(warm) > 1.0:
@@ -49,7 +49,7 @@ def _temperature(views: list[View], away: float) -> Iterator[Term]:
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
 
 
-def _curved(views: list[View], away: float, free: Sequence[str]) -> Iterator[Term]:
+def _curved(views: list[LinearisedLog], away: float, free: Sequence[str]) -> Iterator[Term]:
     """A resonance f0 + k_T (T - T0) + k_T2 (T - T0)^2 about the temperature T0 at which f0 and k_T are told,
     where three temperatures or more show it; in half bandwidths at the warmest, so that more than a first
     order tells of is seen."""
@@ -80,6 +80,6 @@ def _per_degree(symbol: str) -> Callable[[np.ndarray, np.ndarray], str]:
     )
 
 
-def _either(view: View, rates: np.ndarray) -> np.ndarray:
+def _either(view: LinearisedLog, rates: np.ndarray) -> np.ndarray:
     """(n, 2): what damping and frequency that change by `rates` (n,), rad/s, add."""
     return np.stack([view.along(rates + 0j), view.along(1j * rates)], axis=1)

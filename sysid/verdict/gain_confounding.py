@@ -39,8 +39,8 @@ from scipy.special import stdtrit
 from sysid.minimum.minimise import State
 from sysid.model.theta import NAMES, std_of
 from sysid.trials.trial import Trial
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.result import NORMAL95
-from sysid.verdict.view import View
 
 SEEN = 2.0  # errors of a feedthrough, from which it may be there
 MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late
@@ -50,7 +50,7 @@ REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that
 def tightened(state: State, reference: tuple[float, float], names: Sequence[str]) -> tuple[Trial, ...]:
     """The trials with priors of the size that they show, for a state whose error of G is due to `names`."""
     trials = list(state.trials)
-    views = View.each(state, reference, coloured=True)
+    views = LinearisedLog.each(state, reference, coloured=True)
     for pair in (PAIRS[name] for name in names):
         held = [i for i, v in enumerate(views) if pair.held(v.trial, v.course.tau)]
         both = [pair.both(views[i], state.covariance) for i in held]
@@ -69,7 +69,7 @@ def with_feedthroughs(state: State, reference: tuple[float, float]) -> tuple[Tri
     for trial, model in zip(state.trials, state.models, strict=True):
         if trial.at_one_frequency or "feedthrough" not in trial.shapes:
             continue
-        view = View(trial, model, state, reference, coloured=True)
+        view = LinearisedLog(trial, model, state, reference, coloured=True)
         through = complex_of(view, "feedthrough", 1 / float(np.max(np.abs(trial.shapes["feedthrough"]))))
         value = abs(through @ np.array([c.value for c in view.columns]))
         square = value**2 + float((through @ view.covariance(state.covariance) @ through.conj()).real)
@@ -90,7 +90,7 @@ def loosened(trial: Trial) -> Trial:
     return trial.with_bench(narrow={})
 
 
-def hangs(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
+def confounds_gain(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
     """The nuisances, "late" or "start", that cause the error of G: without them it would be known much
     better."""
     if "G" not in free:
@@ -110,13 +110,13 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
         kept = tuple(n for n in trial.nuisances if n not in names)
         extra = {n: shape for n, shape in trial.bench.extra.items() if n not in names}
         without = replace(trial, nuisances=kept).with_bench(extra=extra)
-        views.append(View(without, model, state, reference, coloured=True))
+        views.append(LinearisedLog(without, model, state, reference, coloured=True))
     index = [NAMES.index(n) for n in free]
     variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])
     return variance is not None and variance < MOSTLY**2 * std_of(state.covariance, "G") ** 2
 
 
-def cancelling(view: View) -> tuple[float, float] | None:
+def cancelling(view: LinearisedLog) -> tuple[float, float] | None:
     """The gain of a log relative to the others if its feedthrough and its lateness cancel; and what that is
     worth in log-likelihood, against a feedthrough of any phase and of the size seen. None where no
     feedthrough is seen."""
@@ -152,20 +152,22 @@ class _Both(NamedTuple):
     channels: int  # of the log, in which both are
 
     @classmethod
-    def of_step(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
+    def of_step(cls, view: LinearisedLog, plant: np.ndarray | None = None) -> "_Both":
         """A feedthrough in the plate's frame, and less what the lateness adds: A - B."""
         through = complex_of(view, "feedthrough", np.conj(view.turn))
         late = complex_of(view, "late", _rise(view) * view.trial.lateness / view.trial.looseness)
         return cls._of(view, plant, through, through - late)
 
     @classmethod
-    def of_rest(cls, view: View, plant: np.ndarray | None = None) -> "_Both":
+    def of_rest(cls, view: LinearisedLog, plant: np.ndarray | None = None) -> "_Both":
         """An offset, and with what the plate still rings by."""
         offset = complex_of(view, "offset", 1.0)
         return cls._of(view, plant, offset, offset + complex_of(view, "start", 1.0))
 
     @classmethod
-    def _of(cls, view: View, plant: np.ndarray | None, first: np.ndarray, both: np.ndarray) -> "_Both":
+    def _of(
+        cls, view: LinearisedLog, plant: np.ndarray | None, first: np.ndarray, both: np.ndarray
+    ) -> "_Both":
         values = np.array([c.value for c in view.columns])
         covariance = view.covariance(plant)
         channels = view.trial.channels
@@ -193,19 +195,19 @@ def _common(both: Sequence[_Both], units: Sequence[float]) -> list[float]:
     ]
 
 
-def complex_of(view: View, name: str, factor: complex) -> np.ndarray:
+def complex_of(view: LinearisedLog, name: str, factor: complex) -> np.ndarray:
     """The linear form that gives a complex coefficient from the columns of d and q."""
     return np.array(
         [factor * (c.name == f"{name}_d") + 1j * factor * (c.name == f"{name}_q") for c in view.columns]
     )
 
 
-def _rise(view: View) -> float:
+def _rise(view: LinearisedLog) -> float:
     """Rate of the response after the largest step, per second."""
     return float(np.max(np.abs(view.course.push)))
 
 
-def _variance(views: Sequence[View], index: Sequence[int], prior: np.ndarray) -> float | None:
+def _variance(views: Sequence[LinearisedLog], index: Sequence[int], prior: np.ndarray) -> float | None:
     """Of log G, the numbers of theta at `index` free, with a prior of that precision; None where the logs do
     not part them."""
     gram = sum(v.jacobian[:, index].T @ v.jacobian[:, index] for v in views) + prior
@@ -216,7 +218,7 @@ def _variance(views: Sequence[View], index: Sequence[int], prior: np.ndarray) ->
     return float(np.linalg.inv(scaled)[0, 0] / size[0] ** 2)
 
 
-def _one(view: View) -> float:
+def _one(view: LinearisedLog) -> float:
     return 1.0
 
 
@@ -226,8 +228,8 @@ class _Pair(NamedTuple):
     deviations of their priors."""
 
     held: Callable[[Trial, float], bool]
-    both: Callable[[View, np.ndarray], _Both]
-    unit: Callable[[View], float]
+    both: Callable[[LinearisedLog, np.ndarray], _Both]
+    unit: Callable[[LinearisedLog], float]
     sizes: Callable[[Sequence[_Both], Sequence[float]], list[float]]
     priors: Callable[[float, float], dict[str, float]]
 

@@ -11,7 +11,7 @@ from sysid.minimum.minimise import State
 from sysid.model import rice
 from sysid.model.span import REAL, orthonormal
 from sysid.trials.noise import log_likelihood
-from sysid.trials.perturbed import Course
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial, freedom
 from sysid.trials.whitening import whitened
 
@@ -28,7 +28,7 @@ class Column(NamedTuple):
     value: float
 
 
-class View:
+class LinearisedLog:
     """One log at the fit: its residual and derivatives as real rows, projected off all that its nuisances can
     adjust.
 
@@ -53,14 +53,16 @@ class View:
         self.turn, self.own = trial.bench.turn / size, size if trial.log.drive is None else 1.0
         self._whitening = trial.noise.whitening(coloured=coloured)
         self.n = len(self._whitening[0])
-        self.course = Course.of(trial, reference, state.theta)
+        self.course = LogResponse.of(trial, reference, state.theta)
         self.model = trial.as_recorded(model)
         self.residual = trial.residual(self.model)
         self.columns = self._in_dq() if trial.signed else self._in_amplitude()
         self.priors = len(self.columns)
 
     @classmethod
-    def each(cls, state: State, reference: tuple[float, float], coloured: bool = False) -> list["View"]:
+    def each(
+        cls, state: State, reference: tuple[float, float], coloured: bool = False
+    ) -> list["LinearisedLog"]:
         """Of all logs, at a minimum."""
         return [
             cls(t, m, state, reference, coloured) for t, m in zip(state.trials, state.models, strict=True)
@@ -193,7 +195,7 @@ class View:
     def modelled(self, trial: Trial) -> np.ndarray:
         """(n,) the plate's part of the log read as `trial`, as it is recorded, less what is recorded."""
         moved = trial.inputs is not self.trial.inputs or trial.bench.filter is not self.trial.bench.filter
-        course = Course.of(trial, self.reference, self.course.theta) if moved else self.course
+        course = LogResponse.of(trial, self.reference, self.course.theta) if moved else self.course
         start, late = self.beside
         plate = self.own * (course.forced + start * course.free + late * course.rate) + trial.bench.moves
         return self.observed(plate[None])[0] - trial.log.response

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from sysid.trials.trial import Trial
+from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term, of_one
-from sysid.verdict.view import View
 
 OFTEN = 0.1  # of the rows, at which the inputs change when it matters to which moment of them a row belongs
 LIKE_ONE = 4.0  # the factor about one within which a shape that is what it is taken for has its coefficient
@@ -43,14 +43,14 @@ NOT_HELD = (
 )
 
 
-def moments(i: int, view: View) -> Iterator[Term]:
+def moments(i: int, view: LinearisedLog) -> Iterator[Term]:
     """Of the i-th log."""
     yield from _later(i, view)
     yield from _astray(i, view)
     yield from _unheld(i, view)
 
 
-def _later(i: int, view: View) -> Iterator[Term]:
+def _later(i: int, view: LinearisedLog) -> Iterator[Term]:
     """A transient whose response comes late by more than a row, or through a filter; or early."""
     c, log = view.course, view.trial.log
     if not view.trial.changes and not view.trial.from_rest:
@@ -67,7 +67,7 @@ def _later(i: int, view: View) -> Iterator[Term]:
             yield of_one(i, "late", shape, LATE.format(log.name, f" of about {late:.2g} s"), True)
 
 
-def _unheld(i: int, view: View) -> Iterator[Term]:
+def _unheld(i: int, view: LinearisedLog) -> Iterator[Term]:
     """Of a transient whose inputs change on many of its rows: that rows show the response to their own
     inputs; and that the drive runs straight from row to row, where it does not jump, and is not held from
     each to the next."""
@@ -99,7 +99,7 @@ def _unheld(i: int, view: View) -> Iterator[Term]:
         yield Term("sampling", {i: view.observed(np.stack(shapes)).T}, say, i, freedom=len(shapes))
 
 
-def _astray(i: int, view: View) -> Iterator[Term]:
+def _astray(i: int, view: LinearisedLog) -> Iterator[Term]:
     """The row at a change of the inputs does not belong there: it shows what came of a change that was
     earlier. It may pass for noise that rows share, and the gain follow it."""
     for row in at_changes(view.trial):

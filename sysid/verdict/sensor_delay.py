@@ -16,8 +16,8 @@ import numpy as np
 from sysid.minimum.minimise import State
 from sysid.model.theta import std_of
 from sysid.trials.trial import Trial
-from sysid.verdict.coincidence import complex_of
-from sysid.verdict.view import View
+from sysid.verdict.gain_confounding import complex_of
+from sysid.verdict.linearised import LinearisedLog
 
 REAL, FELT = (
     4.0,
@@ -67,7 +67,8 @@ def with_delays(state: State, reference: tuple[float, float]) -> Delays:
     trials, error = list(state.trials), std_of(state.covariance, "G")
     swept = [i for i, t in enumerate(trials) if _may_be_late(t)]
     seen = {
-        i: _share(View(trials[i], state.models[i], state, reference, coloured=True), state) for i in swept
+        i: _share(LinearisedLog(trials[i], state.models[i], state, reference, coloured=True), state)
+        for i in swept
     }
     shares = _together(seen, error) | {i: s for i, s in seen.items() if s.may_be_late(error)}
     held = sum(s.all for s in shares.values()) + sum(t.lateness > 0 for t in trials)
@@ -93,7 +94,7 @@ def _may_be_late(trial: Trial) -> bool:
     return swept and "feedthrough" in trial.shapes and trial.log.bench.get("delay_s") != 0
 
 
-def _share(view: View, state: State) -> Share:
+def _share(view: LinearisedLog, state: State) -> Share:
     """That of one log."""
     settled = state.G * float(np.max(np.abs(view.trial.log.drive)))
     form = complex_of(view, "feedthrough", np.conj(view.turn)) / settled
