@@ -11,7 +11,7 @@ from sysid import reading
 from sysid.adoption.adopt import tried
 from sysid.effects.registry import ADOPTED, EVERY
 from sysid.logs.log import Log
-from sysid.minimum.minimise import Minimiser, State
+from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.minimum.ridge import unfolded
 from sysid.model.plant import Plant
 from sysid.model.prior import Prior, checked
@@ -180,7 +180,7 @@ def _concluded(question: FitProblem, states: list[State]) -> Fit:
     if len(states) > 1 or not names:
         return conclude(question, states, names)
     tight = minimiser.imaged(
-        [minimiser.refine(tightened(best, minimiser.reference, names), best.theta, known=1)]
+        [minimiser.refine(tightened(best, minimiser.reference, names), best.theta, ESTIMATED)]
     )
     tight = [unfolded(minimiser, s) for s in tight]
     asked = replace(question, trials=_with_priors(question.trials, tight[0].trials))
@@ -272,6 +272,6 @@ def _with_priors(trials: Sequence[Trial], found: Sequence[Trial]) -> tuple[Trial
 def _anew(minimiser: Minimiser, states: Sequence[State], found: Sequence[tuple[Trial, ...]]) -> list[State]:
     """The minima with the trials found at each, refined again where these differ from its own."""
     return [
-        s if t == s.trials else minimiser.refine(t, s.theta, known=1)
+        s if t == s.trials else minimiser.refine(t, s.theta, ESTIMATED)
         for s, t in zip(states, found, strict=True)
     ]

@@ -21,7 +21,7 @@ from itertools import combinations
 import numpy as np
 
 from sysid.adoption.description import RIVAL, Description, Group, Instance
-from sysid.adoption.search import NEARLY, Search
+from sysid.adoption.search import LEVEL, NEARLY, Search
 from sysid.effects.effect import Effect
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
@@ -135,7 +135,7 @@ class _Adoption:
         if i not in self.contradicting:
             search, whole = self.search, range(len(self.search.trials))
             parts = [tuple(search.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
-            each = [search.minimiser.refine(part, search.alone.theta, 1, white=True) for part in parts]
+            each = [search.minimiser.refine(part, search.alone.theta, LEVEL) for part in parts]
             self.contradicting[i] = _most(sum(s.likelihood for s in each) + search.base, len(search.names))
         return self.contradicting[i]
 

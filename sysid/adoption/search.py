@@ -26,8 +26,9 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from sysid.adoption.description import Description, Group, Instance
 from sysid.effects.effect import About, plain
-from sysid.minimum.minimise import MOST, Minimiser, State
+from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model.theta import NAMES
+from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, freedom, with_noise
 from sysid.verdict.linear import Linear
 from sysid.verdict.linearised import LinearisedLog
@@ -38,7 +39,9 @@ CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
 STEPS = 15
-ROUGH = 8  # steps of the plant at a start of d and q, which are linear in what the bench adds: most take four
+LEVEL = Rounds(1, white=True)  # what is compared
+# of them at a start of d and q, which are linear in what the bench adds: most take four steps
+ROUGH = Rounds(1, steps=8, white=True)
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 APART = 0.05  # prior standard deviations, by which optima differ
@@ -116,13 +119,13 @@ class Search:
         known = () if before is None else before.instances
         near, numbers = (self.alone, np.zeros(0)) if before is None else (before.state, before.numbers)
         where, found, every = {i for x in group for i in x.where}, [], (*known, *group)
-        steps = ROUGH if all(self.trials[k].signed for k in where) else MOST
+        rounds = ROUGH if all(self.trials[k].signed for k in where) else LEVEL
         afresh = all(group[0].effect.afresh(self.trials[k]) for k in where)
         for start in zip(
             *(x.effect.starts(self.trials[x.where[0]], self.about) for x in group), strict=False
         ):
             u = np.concatenate([numbers, *start])
-            found.append(self.at(every, u, self.anew(every, u) if afresh else near, steps))
+            found.append(self.at(every, u, self.anew(every, u) if afresh else near, rounds))
         return found
 
     def hoped(self, point: Point) -> float:
@@ -130,10 +133,10 @@ class Search:
         return point.cost - self.looked(point).gain
 
     def at(
-        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, steps: int = MOST
+        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, rounds: Rounds = LEVEL
     ) -> Point:
-        """With these effects, at the minimum near another, or at most so many steps on the way to it."""
-        state = self.refined(instances, numbers, near, steps)
+        """With these effects, at the minimum near another, or on the way to it."""
+        state = self.refined(instances, numbers, near, rounds)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
     def applied(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> tuple[Trial, ...]:
@@ -155,16 +158,20 @@ class Search:
         each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
         return np.concatenate(each) if each else np.zeros(0)
 
-    def refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
+    def refined(
+        self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds
+    ) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
-        state = self._refined(instances, numbers, near, steps)
+        state = self._refined(instances, numbers, near, rounds)
         return state if _fed(near) else _all_its_own(state)
 
-    def _refined(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, steps: int) -> State:
+    def _refined(
+        self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds
+    ) -> State:
         read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
         return self.minimiser.refine(
-            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, 1, 0, steps, white=True
+            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, rounds
         )
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
@@ -201,7 +208,7 @@ class Search:
         is known only where the plate is nearly described: until then all that a log shows is its plate's."""
         if _fed(point.state):
             return point
-        begun = self._refined(point.instances, point.numbers, point.state, MOST)
+        begun = self._refined(point.instances, point.numbers, point.state, LEVEL)
         there = self.followed(self.at(point.instances, point.numbers, begun), STEPS)
         return there if there.cost < point.cost - NEAR else point
 
@@ -334,7 +341,7 @@ class Search:
     ) -> Point:
         """The minimum near another with the noise that is there, whatever its colour; its logs read as
         `trials`, or as there."""
-        state = self.minimiser.refine(trials or near.trials, near.theta, known=1)
+        state = self.minimiser.refine(trials or near.trials, near.theta, ESTIMATED)
         state = state if _fed(near) else _all_its_own(state)
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 

@@ -20,16 +20,18 @@ from sysid.trials import jitter
 from sysid.trials.experiment import group
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.renew import update
+from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, freedom, numbers_taken, with_noise
 
 log = logging.getLogger(__name__)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
 SHORT = 0.3  # of a factor e in G and tau, of a half bandwidth in f0: longer Newton steps are not trusted
-MOST = 128  # steps of a search
 # relative to the largest information along a direction: added to all, so that none is singular
 ROUNDING = 1e-28
 ROUNDED = 1e-12  # change of the noise, and of a sum of squares, that is only rounding
 STARTS = 4
+NEW = Rounds()  # for logs of whose noise nothing is known
+ESTIMATED = Rounds(known=1)  # for logs whose noise was estimated at a minimum nearby
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
 MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
 DOUBTFUL = 1.4  # factor about LOW_Q within which the data decide whether the fast mode ripples
@@ -134,9 +136,8 @@ class Minimiser:
         trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
         untouched = np.zeros((len(points), len(FINGER)))
         starts = np.column_stack([_log_gains(search, points), points, untouched])
-        rounds = (
-            4 if any(t.begun for t in trials) else 1
-        )  # what an amplitude began with is found with the plant
+        # what an amplitude began with is found with the plant
+        rounds = Rounds(4 if any(t.begun for t in trials) else 1)
         log.info("start 1 of %d", len(starts))
         found = [self.refine(trials, starts[0], rounds)]
         reached = search.score(found[0].theta[None, 1:4], cost)[0]
@@ -156,10 +157,10 @@ class Minimiser:
         none was."""
         log.info("mirror images of the minimum")
         best = sorted(states, key=lambda s: s.cost)
-        more = self._images(best, 30)
+        more = self._images(best, NEW)
         return self.distinct([*best, *more]) if more else [s for s in best if s.cost <= best[0].cost + MODES]
 
-    def _images(self, found: Sequence[State], rounds: int) -> list[State]:
+    def _images(self, found: Sequence[State], rounds: Rounds) -> list[State]:
         """Mirror images of the best minimum that are not among `found`."""
         latest, every, drifts = list(found[:1]), list(found), "k_T" in self.free
         for _ in range(2):  # an image of an image is on the other side of two drives
@@ -184,37 +185,20 @@ class Minimiser:
         self,
         trials: tuple[Trial, ...],
         theta: np.ndarray,
-        rounds: int = 30,
-        known: int = 0,
-        steps: int = MOST,
-        white: bool = False,
+        rounds: Rounds = NEW,
     ) -> State:
         """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with
-        and without.
-
-        `known`: rounds in which the noise of the trials has been estimated already; 0: none. `steps`: at most
-        in a search; with 0 of them and one round, what is seen at theta itself. `white`: of the noise only
-        the level is asked for, as of what is to be compared in one round.
-        """
+        and without."""
         if not any(t.resonant and not t.steady for t in trials):
-            return self._descend(trials, theta, False, rounds, known, steps, white)
-        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds, known, steps, white)
+            return self._descend(trials, theta, False, rounds)
+        state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds)
         q = self._q(state.theta)
         if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
             return state
-        other = self._descend(trials, state.theta, not state.low_q, rounds, known, steps, white)
+        other = self._descend(trials, state.theta, not state.low_q, rounds)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
-    def _descend(
-        self,
-        trials: tuple[Trial, ...],
-        theta: np.ndarray,
-        low_q: bool,
-        rounds: int,
-        known: int,
-        most: int,
-        white: bool,
-    ) -> State:
+    def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: Rounds) -> State:
         """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
         Once a Gauss-Newton step is short and changes the sum of squares by less than NEAR, single steps
@@ -223,10 +207,10 @@ class Minimiser:
         steps, last, converged, unmoved, begin = GaussNewton(), np.inf, False, False, theta
         if all(t.silent for t in trials):
             return self._unbounded(trials, begin, low_q)
-        k = known
-        for _ in range(2 * rounds):
+        k = rounds.known
+        for _ in range(2 * rounds.most):
             before, directions = (theta, trials), self._directions(theta)
-            first, far = (theta, most) if steps.next is None else (theta + steps.next, 0)
+            first, far = (theta, rounds.steps) if steps.next is None else (theta + steps.next, 0)
             if not unmoved:  # else what was seen stands
                 groups, members = group(trials, self.reference, low_q=low_q)
                 seen = levenberg_marquardt(groups, first, directions, far, self.prior)
@@ -240,16 +224,16 @@ class Minimiser:
                 theta, trials = before
                 continue
             courses = [LogResponse.of(t, self.reference, theta) for t in trials]
-            trials, models, cost, moved = update(trials, members, seen.found, courses, k, white)
+            trials, models, cost, moved = update(trials, members, seen.found, courses, k, rounds.white)
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
             change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED
             converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
-            if k == rounds or (
+            if k == rounds.most or (
                 converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)
             ):
                 break
-        if known:
+        if rounds.known:
             jitters = map(jitter.found, trials, models, courses)
             trials = tuple(
                 replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True)
@@ -307,7 +291,7 @@ class Minimiser:
         for first in found:
             if any(not self._apart(first, other) for other in states):
                 continue
-            state = self.refine(first.trials, first.theta, known=1)
+            state = self.refine(first.trials, first.theta, ESTIMATED)
             if all(self._apart(state, other) for other in states):
                 states.append(state)
         states.sort(key=lambda s: s.cost)

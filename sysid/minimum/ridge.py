@@ -18,6 +18,7 @@ from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import Prior
 from sysid.model.theta import NAMES
 from sysid.trials.perturbed import LogResponse
+from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial
 
 F0 = NAMES.index("f0")
@@ -110,12 +111,12 @@ def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> Sta
     pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
     prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
     held, begun = replace(minimiser, prior=prior), _begun(mode)
-    found = held.refine(mode.trials, mean, rounds=1)
+    found = held.refine(mode.trials, mean, Rounds(1))
     if not begun or found.cost < mode.cost + RISE:
         return found
     # As well with the gain that a settled response has there.
     sizes = [abs(LogResponse.of(begun[0], minimiser.reference, theta).free[0]) for theta in (near, mean)]
-    other = held.refine(*as_settled(mode.trials, mean, sizes[0] / sizes[1]), rounds=1)
+    other = held.refine(*as_settled(mode.trials, mean, sizes[0] / sizes[1]), Rounds(1))
     return min(found, other, key=lambda s: s.cost)
 
 

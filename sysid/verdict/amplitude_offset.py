@@ -19,9 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.minimum.minimise import Minimiser, State
+from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model import rice
 from sysid.rows.prepare import OFFSET_UNITS
+from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, with_noise
 
 FEW = 4  # rows at rest, of which nothing is told
@@ -36,7 +37,7 @@ STILL = 0.1  # of the last rows, less than which is left of a response that ring
 # variance of the noise's square by the median of second differences, times rows; at rest it is exponential: 1
 MEDIAN = 8.0
 TURNS = np.exp(0.5j * np.pi * np.arange(4))  # of an offset, from where its direction is looked for
-ROUNDS = 4  # of each of them
+ROUNDS = Rounds(4)  # of each of them
 
 
 class _Rest(NamedTuple):
@@ -119,7 +120,7 @@ def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
 
     best = min((minimiser.refine(begun(turn), state.theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
     late = replace(best.trials[i], nuisances=trial.nuisances)
-    return minimiser.refine(_with(best.trials, i, late), best.theta, known=1)
+    return minimiser.refine(_with(best.trials, i, late), best.theta, ESTIMATED)
 
 
 def _with(trials: Sequence[Trial], i: int, trial: Trial) -> tuple[Trial, ...]:

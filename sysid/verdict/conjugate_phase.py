@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.minimum.guess import phase_falls
 from sysid.minimum.minimise import Minimiser, State, hopeful
+from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial
 from sysid.verdict.linear import Found
 from sysid.verdict.misfit import described
@@ -27,7 +28,7 @@ def mirrored(
     """The logs whose conjugates are described along with the others, which they are not themselves, and
     better than by anything that is `likely`; else None."""
     least, found = max([SURE, *(f.worth for f in likely)]), None
-    alike = minimiser.refine(tuple(trials), together.theta, 1)
+    alike = minimiser.refine(tuple(trials), together.theta, Rounds(1))
     for turned in _tried(trials):
         first = minimiser.roughly(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))
         if not hopeful(first[0], alike):
