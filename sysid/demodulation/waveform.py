@@ -252,7 +252,8 @@ def from_samples(
     said = f"demodulated at {span} Hz, boxcar of {rows.periods} periods, {len(response)} rows"
     found = {"time": rows.time, "drive": rows.drive, "frequency": rows.frequency, "theta": rows.theta}
     found |= {key: _held(given[key], rows) for key in ("temperature", "force") if key in given}
-    bench |= {"delay_s": rows.delay, "lockin_boxcar_s": rows.width}
+    doubt = bench.get("delay_std_s", 0.0 if "delay_s" in bench else rows.width)
+    bench |= {"delay_s": rows.delay, "delay_std_s": doubt, "lockin_boxcar_s": rows.width}
     return found | {
         "response": response,
         "response_unit": unit,

@@ -17,7 +17,7 @@ from sysid.tables import units
 from sysid.tables.cells import amount, is_number
 from sysid.tables.csvfile import Head, LogError
 
-BENCH = ("lockin_tau_s", "lockin_boxcar_s", "delay_s", "settle_s", *units.BENCH_NUMBERS)
+BENCH = ("lockin_tau_s", "lockin_boxcar_s", "delay_s", "delay_std_s", "settle_s", *units.BENCH_NUMBERS)
 NEAR = 0.85  # likeness of a misspelt key: `samplng` has 0.93, and `place` 0.8 of a plate
 LONG = 8  # letters of a quantity that is known by a misspelt name alone, without a unit
 PLATES = ("plate_id", "plate_name", "plate_no", "plate_number")

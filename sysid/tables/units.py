@@ -51,6 +51,7 @@ WORDS = ("kind", "sampling", "plate", "volts_per_duty")  # metadata without a un
 BENCH_TIMES = (
     "lockin_tau",
     "lockin_boxcar",
+    "delay_std",
     "delay",
     "settle",
 )  # in s inside; their metadata may carry another unit of time

@@ -89,7 +89,7 @@ def _experiment(
     own_gain = trial.steady and trial.log.drive is None
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
-    late = not (trial.steady or carrier)
+    late = not trial.steady
     both, order = moving and low_q and not carrier, trial.smoothing[1]
     apart, toward = bool(noise.levels), trial.bench.turn / (abs(trial.bench.turn) or 1.0)
     extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]

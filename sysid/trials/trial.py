@@ -247,12 +247,14 @@ class Trial(Record):
 
     @cached_property
     def lateness(self) -> float:
-        """Standard deviation (s) of the prior of the lateness: a row, or the gap in which an input changed,
-        combined with a radian of the carrier. 0 where the lateness is known or nothing depends on it."""
-        if self.steady or "late" not in self.nuisances or not self.driven or self.log.theta is not None:
+        """Standard deviation (s) of the prior of the lateness: that of the delay, as stated, or a row, or the
+        gap in which an input changed, combined with a radian of the carrier where its phase is not known. 0
+        where the lateness is known or nothing depends on it."""
+        if self.steady or "late" not in self.nuisances or not self.driven:
             return 0.0
-        row = self.gap if "delay_s" in self.log.bench else max(self.spacing, self.gap)
-        usual = float(np.hypot(row, self.radian))
+        bench = self.log.bench
+        row = bench.get("delay_std_s", 0.0 if "delay_s" in bench else self.spacing)
+        usual = float(np.hypot(max(row, self.gap), self.radian if self.log.theta is None else 0.0))
         return min(usual, self.bench.narrow.get("lateness", np.inf))
 
     @cached_property
