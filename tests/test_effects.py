@@ -235,6 +235,36 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind, every):
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
 
 
+def _for_a_while(kind, rng):
+    """A sweep whose points settle, with something in it from point 90 to point 129, of 200."""
+    f, here = F0 + np.linspace(-500, 500, 200), np.arange(200)
+    here = (here >= 90) & (here < 130)
+    y = settled(f)
+    there = {
+        "finger": 1 / (1 / y + 0.4 + 0.3j),  # which damps it and shifts its resonance
+        "range": 0.4 * y,
+        "phase": np.exp(0.5j) * y,
+        "dropout": 0.0 * y,
+    }[kind]
+    return swept(rng, f, noisy(rng, np.where(here, there, y), 0.005))
+
+
+@pytest.mark.parametrize("kind", ["finger", "range", "phase", "dropout"])
+@seeds(1, 6)
+def test_what_is_in_a_log_for_a_while_is_told_by_its_ends(seeds, kind, among):
+    f = F0 + np.linspace(-500, 500, 200)
+    for seed in seeds:
+        fit = sysid.fit(_for_a_while(kind, np.random.default_rng(seed)), nuisances=among("stretch"))
+        assert [(x.key, x.outcome) for x in fit.findings] == [("stretch", "refused")], fit.findings
+        ends = [fit.findings[0].numbers[name].value for name in ("begins", "ends")]
+        # by a row or two more or less is hardly worth less where the two sides meet
+        assert np.allclose(np.interp(ends, f, np.arange(200)), [90, 129], atol=2), (seed, ends)
+        state = fit.modes[0]
+        off = (state.tau - TAU) / TAU, (state.named.f0 + fit.reference[0] - F0) / HALF
+        errors = np.sqrt(np.diag(state.spread))[1:3] / (1.0, HALF)
+        assert np.all(np.abs(off) < FAR * errors), (seed, off, errors)
+
+
 @pytest.mark.parametrize(
     "kind", [kind for kind in KINDS if kind not in ("offset_drift", "image")]
 )  # that are noted

@@ -189,8 +189,9 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
 
 
 def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], list[Group]]:
-    """These effects as they are tried: the likely ones, and the others."""
+    """These effects as they are tried: the likely ones, and the others, as is what may be anything."""
     likely, every = (groups(promising(each, looked, wrong, least), wrong) for least in (LIKELY, PROMISES))
+    likely = [x for x in likely if x[0].effect.hop is None]
     return likely, [x for x in every if x not in likely]
 
 

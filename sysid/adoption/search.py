@@ -39,6 +39,7 @@ CLOSER = 3  # of its starts, at first for
 FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
 STEPS = 15
+HOPS = 8  # of numbers that a log follows in steps: most need two
 LEVEL = Rounds(1, white=True)  # what is compared
 # of them at a start of d and q, which are linear in what the bench adds: most take four steps
 ROUGH = Rounds(1, steps=8, white=True)
@@ -125,8 +126,23 @@ class Search:
             *(x.effect.starts(self.trials[x.where[0]], self.about) for x in group), strict=False
         ):
             u = np.concatenate([numbers, *start])
-            found.append(self.at(every, u, self.anew(every, u) if afresh else near, rounds))
+            found.append(self.hopped(self.at(every, u, self.anew(every, u) if afresh else near, rounds)))
         return found
+
+    def hopped(self, point: Point) -> Point:
+        """The point, its numbers that logs follow in steps where they had better be, seen from its plate."""
+        for _ in range(HOPS):
+            numbers = point.numbers.copy()
+            for x, part in zip(point.instances, self.parts(point.instances), strict=True):
+                if x.effect.hop is not None:
+                    numbers[part] = x.effect.hop(*self.seen_from(point.state, x.where[0]))
+            if np.array_equal(numbers, point.numbers):
+                break
+            there = self.at(point.instances, numbers, point.state)
+            if there.cost >= point.cost - NEAR:
+                break
+            point = there
+        return point
 
     def hoped(self, point: Point) -> float:
         """The cost after one more step from a point, to second order."""
@@ -180,12 +196,16 @@ class Search:
 
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
         """- log likelihood of what was recorded and - log prior of the numbers."""
-        stretched = sum(
-            x.effect.stretched(self.trials[i], numbers[part], self.about)
-            for x, part in zip(instances, self.parts(instances), strict=True)
-            for i in x.where
-        )
+        stretched = 0.0
+        for x, part in zip(instances, self.parts(instances), strict=True):
+            for i in x.where:
+                trial, about = self.seen_from(state, i)
+                stretched += x.effect.stretched(trial, numbers[part], about)
         return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood - stretched
+
+    def seen_from(self, state: State, i: int) -> tuple[Trial, About]:
+        """A log as it was recorded, and what is known of it, from a plate and a bench near by."""
+        return replace(self.trials[i], bench=state.trials[i].bench), self.about._replace(theta=state.theta)
 
     def followed(self, point: Point, most: int) -> Point:
         """Where `most` steps from a point, or fewer, lead."""
@@ -241,7 +261,8 @@ class Search:
         dispersion[np.ix_(index, index)] = by @ covariance @ by.T
         score = score - by.T @ linear.slope
         gain = 0.5 * float(score @ covariance @ score)
-        return Looked(covariance @ score, covariance, dispersion, gain)
+        sloped = np.concatenate([[x.effect.hop is None] * len(self.stds([x])) for x in instances] or [[]])
+        return Looked(sloped * (covariance @ score), covariance, dispersion, gain)
 
     def columns(
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[LinearisedLog]

@@ -14,6 +14,7 @@ from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
 from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
+from sysid.effects.stretch import STRETCH
 from sysid.trials.trial import NUISANCES
 
 EFFECTS: tuple[Effect, ...] = (
@@ -43,6 +44,7 @@ EFFECTS: tuple[Effect, ...] = (
     DWELL,
     PHASE_DELAY,
     THERMOMETER_LAG,
+    STRETCH,
 )
 ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for
 EVERY = (*NUISANCES, *ADOPTED)  # unless less is asked for

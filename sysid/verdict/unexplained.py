@@ -75,7 +75,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
 def slow(trial: Trial, tau: float) -> bool:
     """Whether what was taken for noise of a log may be what a wrong plate leaves: smooth from row to row, and
     in a transient not much shorter than tau. Outliers of such noise are none of a plate's."""
-    if not trial.noise.coloured or trial.noise.left_out > trial.lost:
+    if not trial.noise.coloured:
         return False
     longest = max(trial.noise.parts, key=lambda p: p.time)
     smooth = bool(np.median(longest.memory()[1:]) >= EVEN)
