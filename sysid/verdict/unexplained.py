@@ -63,7 +63,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
         return None  # faster than anything of the plate
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
-    if not (sure or smooth) and ((even and not mostly) or is_coloured_noise(trial, residual, model)):
+    if not (sure or smooth) and is_coloured_noise(trial, residual, model):
         return Left(
             f"noise that neighbouring rows share is {much}, and may hide as much of a misfit", True, False
         )
@@ -74,7 +74,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
 
 def slow(trial: Trial, tau: float) -> bool:
     """Whether what was taken for noise of a log may be what a wrong plate leaves: smooth from row to row, and
-    in a transient not much shorter than tau. Outliers of such noise are none of a plate's."""
+    in a transient not much shorter than tau."""
     if not trial.noise.coloured:
         return False
     longest = max(trial.noise.parts, key=lambda p: p.time)
