@@ -224,6 +224,7 @@ DWELL = Effect(
     applied=_hurried,
     numbers=lambda trial, values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
     said=_hurried_said,
+    scope="bench",
     linear=(),
     places=lambda trial, about: DWELLS[2::2],
 )
