@@ -252,8 +252,11 @@ def from_samples(
     said = f"demodulated at {span} Hz, boxcar of {rows.periods} periods, {len(response)} rows"
     found = {"time": rows.time, "drive": rows.drive, "frequency": rows.frequency, "theta": rows.theta}
     found |= {key: _held(given[key], rows) for key in ("temperature", "force") if key in given}
-    doubt = bench.get("delay_std_s", 0.0 if "delay_s" in bench else rows.width)
-    bench |= {"delay_s": rows.delay, "delay_std_s": doubt, "lockin_boxcar_s": rows.width}
+    # the drive may have changed anywhere between two samples
+    doubt = np.hypot(
+        bench.get("delay_std_s", 0.0 if "delay_s" in bench else rows.width), _step(given["time"]) / 12**0.5
+    )
+    bench |= {"delay_s": rows.delay, "delay_std_s": float(doubt), "lockin_boxcar_s": rows.width}
     return found | {
         "response": response,
         "response_unit": unit,

@@ -95,7 +95,7 @@ def respond(
     xp: Any = jnp,
 ) -> Response:
     """Response of each row, per unit G, to the drive from rest and of a unit start. The rate is that of the
-    slow mode.
+    slow mode; of a carrier in the frame of its first frequency.
 
     `detuning` (M,) is omega0 - omega of each interval, rad/s. `carrier`: what a lock-in makes of the whole,
     exactly, where theta is known at each change: in a real signal the free part U of Z2, Re[U e^{j theta}],
@@ -120,6 +120,9 @@ def respond(
         fast = _settled(s.fast, -push, hold, xp) if begun and both_modes else None
         rest = _propagate(s.fast, -push, hold, fast, xp).forced if both_modes else ripple[hold.interval]
         found = found._replace(forced=found.forced + rest)
+    if carrier:  # one that is late is turned by the frequency of its interval, which theta has told
+        turning = 1j * (hold.omega - hold.omega[:1])[hold.interval]
+        found = found._replace(rate=found.rate + turning * found.forced)
     return found if settled is None else found._replace(free=(settled[0] + (1 - hold.begun[0])) * found.free)
 
 

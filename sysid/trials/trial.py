@@ -26,6 +26,7 @@ DIED = 0.1
 UNKNOWN = 0.05  # of the largest response: the noise level while nothing is known of it
 FLOOR = 1e-10  # of the largest response: the least noise level, above the model's rounding errors
 SLOPED = 8  # points of a sweep, of whose numbers plant, rotation, feedthrough and slope take half
+NONE = 1e-6  # of a lateness: as good as none, and a prior of it can be divided by
 DECIBEL = {
     "steady": 0.999,
     "transient": 1 - 1e-8,
@@ -263,7 +264,9 @@ class Trial(Record):
         and the carrier's phase is within a radian; using this makes G and tau several times more accurate
         over a sweep. In a step it brings nothing, and 1 is faster."""
         swept = self.resonant and not self.log.amplitude_only and np.ptp(self.log.frequency) > 0
-        return min(self.radian / self.lateness, 1.0) if swept and self.lateness else 1.0
+        if not (swept and self.lateness):
+            return 1.0
+        return NONE if self.log.theta is not None else min(self.radian / self.lateness, 1.0)
 
     def prior(self, shape: str) -> float:
         """Standard deviation of the prior of the start or of a shape's coefficient, in the unit of the
