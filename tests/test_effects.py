@@ -204,10 +204,19 @@ def beating(rng):
     return [Log("decay", noisy(rng, y, 0.004), **given, kind="transient")]
 
 
+def between_rows(rng):
+    """A burst that begins and ends between rows, by unlike shares of one."""
+    t, pole, (on, off) = 2e-4 * np.arange(260), -1 / TAU + 2j * np.pi * 8, (20.35 * 2e-4, 120.8 * 2e-4)
+    risen, gone = (-np.expm1(pole * np.maximum(t - at, 0)) for at in (on, off))
+    y, volts = settled(F0 - 8) * (risen - gone), ((t >= on) & (t < off)) * 1.0
+    given = {"time": t, "drive": volts, "frequency": np.full(260, F0 - 8), "kind": "transient"}
+    return [Log("burst", noisy(rng, y, 0.003), **given, sampling="instant")]
+
+
 KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
-    "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled,
+    "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
     "duffing of a step": softened_step, "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 

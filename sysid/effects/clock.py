@@ -23,6 +23,9 @@ DWELLS = (
     2.0 ** np.arange(-2, 2.5, 0.5)[:, None]
 )  # tau: of less a sweep shows no resonance, of more its points settle
 PLACES = 16  # of a transient, between which the response moves alike, where rows may be missing
+CHANGES = 8  # of the inputs of a log, whose edges may lie between its rows
+WITHIN = np.array([-0.75, -0.5, -0.25, 0.25, 0.5])  # of a row, by which all of them may be late
+EVEN = 12**-0.5  # standard deviation of what is even over a row
 MISSING = 2.0  # rows, from which the search for how many are missing begins
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
@@ -132,6 +135,54 @@ def _gapped(trial: Trial) -> bool:
     the resonance, with which it rises in another way."""
     whole = not trial.steady and trial.whole is None and trial.spacing > 0 and trial.changes > 0
     return whole and (trial.signed or trial.resonant)
+
+
+def _changing(trial: Trial) -> bool:
+    """A transient whose inputs change a few times."""
+    return _timed(trial) and trial.signed and 2 <= trial.changes <= CHANGES and trial.spacing > 0
+
+
+def _apart(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    hold = trial.inputs
+    begins = np.append(0.0, np.cumsum(hold.duration))
+    read = begins[hold.interval] + hold.elapsed
+    begins[1:-1] += values * trial.spacing
+    begins = np.maximum.accumulate(begins)
+    interval = np.maximum(np.searchsorted(begins[:-1], read) - 1, 0)
+    inputs = hold._replace(
+        duration=np.diff(begins), interval=interval.astype(np.int32), elapsed=read - begins[interval]
+    )
+    log = replace(trial.log, bench={"delay_s": 0.0, **trial.log.bench})
+    return replace(_on_time(trial), log=log, inputs=inputs)
+
+
+def _apart_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    k = int(np.argmax(np.abs(values)))
+    begin = float(np.cumsum(trial.inputs.duration)[k])
+    return {"late_s": number(values[k], stds[k], "s", trial.spacing), "of_s": number(begin, 0.0, "s")}
+
+
+def _apart_said(trial: Trial, found: dict[str, Number]) -> Told:
+    late, of = found["late_s"], found["of_s"]
+    way = "later" if late.value > 0 else "earlier"
+    return Told(
+        f"its inputs change between its rows: that of {of.value:.4g} s after its first row by"
+        f" {abs(late.value):.2g} ± {late.std:.1g} s {way}, others by less",
+        "run the recorder by the clock of the generator, or record faster",
+    )
+
+
+EDGES = Effect(
+    name="edges",
+    shows=_changing,
+    stds=lambda trial, about: np.full(trial.changes, EVEN),
+    starts=lambda trial, about: np.outer(WITHIN, np.ones(trial.changes)),
+    applied=_apart,
+    numbers=_apart_numbers,
+    said=_apart_said,
+    linear=tuple(range(CHANGES)),
+    makes_sense=lambda values, stds: bool(np.max(np.abs(values)) <= 1),
+)
 
 
 @lru_cache(maxsize=4)  # for all places in a log

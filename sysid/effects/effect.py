@@ -65,25 +65,26 @@ class About(NamedTuple):
 class Effect:
     """An effect by the name that it has in scenes.
 
-    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d)
-    from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their standard
-    deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and these. `scope`:
-    "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
-    may be either. `many`: a log may have more than one. `rough`: its law is not known well enough for the
-    errors that the fit states, so that it is named and not adopted. `another`: with it the plant is not of
-    first order, and G and tau are none of it. `afresh`: with it the plant of that log may be far from what it
-    seems without, and is looked for anew from each start. `stretched`: of one that changes what was recorded,
-    the log of by how much it stretches that. `linear`: numbers that the response follows in proportion from
-    zero, by which logs show it to first order, beside others at each of its `places` (m, d); where none is,
-    all that it does at a place. `known_as`: what else shows it to first order (`verdict.terms`); with neither
-    it has to be tried. `noise_like`: whether noise of a log looks like such numbers. `expected`: every plate
-    has a little of it. `unseen`: what to say of it, of its size and of what that moves, where it may be there
-    and hide. `stated`: what a log's metadata would have said of it, by which rows are read in another way.
+    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`:
+    (m, d) from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their
+    standard deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and
+    these. `scope`: "log", each log has numbers of its own; "plate", they are the same in all logs that
+    show it; "bench", they may be either. `many`: a log may have more than one. `rough`: its law is not
+    known well enough for the errors that the fit states, so that it is named and not adopted. `another`:
+    with it the plant is not of first order, and G and tau are none of it. `afresh`: with it the plant of
+    that log may be far from what it seems without, and is looked for anew from each start. `stretched`:
+    of one that changes what was recorded, the log of by how much it stretches that. `linear`: numbers
+    that the response follows in proportion from zero, as far as a log has them, by which logs show it to
+    first order, beside others at each of its `places` (m, d); where none is, all that it does at a place.
+    `known_as`: what else shows it to first order (`verdict.terms`); with neither it has to be tried.
+    `noise_like`: whether noise of a log looks like such numbers. `expected`: every plate has a little of
+    it. `unseen`: what to say of it, of its size and of what that moves, where it may be there and hide.
+    `stated`: what a log's metadata would have said of it, by which rows are read in another way.
     `colour`: of noise that went through it, the correlation of rows that are so many seconds apart.
-    `relative`: it is what a log is beside others, and not what all are. `hop`: of numbers that a log follows
-    in steps, where they had better be, seen from the plate of what is known. `makes_sense`: whether numbers
-    and their standard deviations are those of the effect; unless stated, whether one that is linear is seen
-    at all."""
+    `relative`: it is what a log is beside others, and not what all are. `hop`: of numbers that a log
+    follows in steps, where they had better be, seen from the plate of what is known. `makes_sense`:
+    whether numbers and their standard deviations are those of the effect; unless stated, whether one that
+    is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -114,7 +115,7 @@ class Effect:
         """Whether numbers and their standard deviations are those of the effect."""
         if self.makes_sense is not None:
             return self.makes_sense(values, stds)
-        some = list(self.linear or range(len(values)))
+        some = [k for k in self.linear if k < len(values)] or list(range(len(values)))
         return bool(np.max(np.abs(values[some]) / stds[some]) > SEEN)
 
 

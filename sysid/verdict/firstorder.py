@@ -75,7 +75,7 @@ def _shapes(
     effect: Effect, views: Mapping[int, LinearisedLog], place: np.ndarray, stds: np.ndarray, about: About
 ) -> tuple[dict[int, np.ndarray], list[int]]:
     """Of each log (n, m), and which numbers they are of: those that do something."""
-    numbers = list(effect.linear)
+    numbers = [k for k in effect.linear if k < len(stds)]
     steps = [STEP * stds[k] * np.eye(len(place))[k] for k in numbers] or [0.0]
     over = STEP if numbers else 1.0
     found = {}
