@@ -1,5 +1,6 @@
 """Effects that a fit adopts: logs from closed forms that share no code with the package, with known truth."""
 
+import dataclasses
 from dataclasses import replace
 from itertools import product
 
@@ -204,6 +205,15 @@ def beating(rng):
     return [Log("decay", noisy(rng, y, 0.004), **given, kind="transient")]
 
 
+def damped_by_warmth(rng):
+    """Sweeps at four temperatures about one at which it is damped as TAU has it: by 1.5 % more a degree."""
+    f, logs = F0 + np.linspace(-500, 500, 81), []
+    for warmer in (-9.0, -3.0, 3.0, 9.0):
+        y = 1 / (1 + 0.015 * warmer + 2j * np.pi * (f - F0 + 8 * warmer) * TAU)
+        logs += swept(rng, f, noisy(rng, y, 0.004), temperature=np.full(81, 24.0 + warmer))
+    return [dataclasses.replace(log, name=f"sweep {k}") for k, log in enumerate(logs)]
+
+
 def between_rows(rng):
     """A burst that begins and ends between rows, by unlike shares of one."""
     t, pole, (on, off) = 2e-4 * np.arange(260), -1 / TAU + 2j * np.pi * 8, (20.35 * 2e-4, 120.8 * 2e-4)
@@ -217,6 +227,7 @@ KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
+    "temperature_damping": damped_by_warmth,
     "duffing of a step": softened_step, "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 

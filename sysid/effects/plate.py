@@ -25,6 +25,7 @@ from sysid.trials.trial import Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
 MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest response
+PER_DEGREE = 0.03  # of the damping, per degC: of glue that softens, or of a liquid
 LEAST_DAMPED = 0.05  # of the damping: with none of it the plate would run away
 LEAST = 1e-6  # of a log: less is a plant of first order
 SLOW = 0.25  # of a log, which is then little more than a period
@@ -124,6 +125,36 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
 
 
 AMPLITUDE_DAMPING = tuple(_amplitude_damped(power, moving) for power in (1, 2) for moving in (False, True))
+
+
+def _warm_damped(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    more = PER_DEGREE * values[0] * (trial.inputs.warming - about.reference[1])
+    damped = trial.inputs.damped * np.maximum(1 + more, LEAST_DAMPED)
+    return replace(trial, inputs=trial.inputs._replace(damped=damped))
+
+
+def _warm_damped_said(trial: Trial, found: dict[str, Number]) -> Told:
+    more, at = found["more"], found["at"]
+    return Told(
+        f"damping changes with the temperature, by {100 * more.value:+.3g} ± {100 * more.std:.1g} % per degC",
+        f"G and tau are those at {at.value:.4g} degC",
+    )
+
+
+TEMPERATURE_DAMPING = Effect(
+    name="temperature_damping",
+    shows=lambda trial: trial.resonant and trial.log.temperature is not None,
+    stds=lambda trial, about: np.array([1.0]),
+    starts=lambda trial, about: np.zeros((1, 1)),  # it is linear
+    applied=_warm_damped,
+    numbers=lambda trial, values, stds, about: {
+        "more": number(values[0], stds[0], "1/degC", PER_DEGREE),
+        "at": number(about.reference[1], 0.0, "degC"),
+    },
+    said=_warm_damped_said,
+    scope="plate",
+    known_as=("temperature",),
+)
 
 
 def _falls(trial: Trial) -> np.ndarray:

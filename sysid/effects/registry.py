@@ -12,7 +12,7 @@ from sysid.effects.drift import (
 )
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
-from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT
+from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.effects.stretch import STRETCH
 from sysid.trials.trial import NUISANCES
@@ -29,6 +29,7 @@ EFFECTS: tuple[Effect, ...] = (
     OVERSHOOT,
     DUFFING,
     *AMPLITUDE_DAMPING,
+    TEMPERATURE_DAMPING,
     ASYMMETRIC,
     POWER,
     DEAD_BAND,
