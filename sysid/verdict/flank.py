@@ -49,10 +49,11 @@ class Flank(NamedTuple):
 
 def seen(state: State, reference: tuple[float, float]) -> Flank | None:
     """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at
-    its own temperature; None where it does not, or where a transient has a frequency: its beat tells f0."""
+    its own temperature; None where it does not, where there is none to sweep through (f0 <= 0), or where a
+    transient has a frequency: its beat tells f0."""
     theta, tau = dict(zip(NAMES, state.theta, strict=True)), state.tau
     resonant = [t for t in state.trials if t.resonant]
-    if not resonant or not all(_settled(t, tau) for t in resonant):
+    if not resonant or not all(_settled(t, tau) for t in resonant) or reference[0] + theta["f0"] <= 0:
         return None
     driven = np.concatenate([t.log.frequency for t in resonant])
     warm = [
