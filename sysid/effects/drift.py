@@ -46,19 +46,22 @@ def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift = found["shift_Hz"]
     return Told(
         f"its resonance drifts by {shift.value:+.3g} ± {shift.std:.1g} Hz from the first row to the last",
-        "f0 is that amid the log; record the temperature of every row, or wait until it is constant",
+        "f0 may be that of any row; record the temperature of every row, or wait until it is constant",
     )
 
 
 F0_DRIFT = Effect(
     name="f0_drift",
     shows=_timed,
-    stds=lambda trial, about: np.array([SHIFTS[-1]]),
-    starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
+    stds=lambda trial, about: np.array([SHIFTS[-1], 0.5]),
+    starts=lambda trial, about: np.array([[x, 0.0] for x in (*-SHIFTS, *SHIFTS)]),
     applied=lambda trial, values, about: shifted(
-        trial, "frequency", -values[0] * about.span * (clock(trial.log) - 0.5)
+        trial, "frequency", -values[0] * about.span * (clock(trial.log) - 0.5 - values[1])
     ),
-    numbers=lambda trial, values, stds, about: {"shift_Hz": number(values[0], stds[0], "Hz", about.span)},
+    numbers=lambda trial, values, stds, about: {
+        "shift_Hz": number(values[0], stds[0], "Hz", about.span),
+        "at": number(0.5 + values[1], stds[1], "of the log"),
+    },
     said=_drifted_said,
 )
 
