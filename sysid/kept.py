@@ -1,20 +1,23 @@
-"""Compiled programs on disk: found by name, checked before they are loaded, written whole, the longest unused
-dropped.
+"""Compiled programs, and arrays that take long to make, on disk: found by name, checked before they are
+loaded, written whole, the longest unused dropped.
 
 They are of this machine, this JAX and this code alone; whoever may write into the folder may run code here.
 """
 
+import io
 import logging
 import os
 import pickle
 import platform
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 log = logging.getLogger(__name__)
 SWITCH = "SYSID_PROGRAMS"  # environment variable: a folder to keep programs in, or `off`
@@ -65,6 +68,22 @@ def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
     return anew() if (found := _read(path)) is None else _Loaded(found, anew)
 
 
+def arrays(name: str, identity: str, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """The arrays that `make()` gives, or those of that `identity` that are kept."""
+    if (where := folder()) is None:
+        return dict(make())
+    whole = f"{_machine('sysid')} {identity}"
+    path = where / f"{name}-{sha256(whole.encode()).hexdigest()}"
+    if (content := _content(path)) is not None:
+        with suppress(Exception), np.load(io.BytesIO(content)) as found:
+            return {key: found[key] for key in found.files}
+    file, made = io.BytesIO(), dict(make())
+    np.savez(file, **made)  # type: ignore[arg-type]
+    with suppress(Exception):  # no room, or no right
+        _put(path, file.getvalue())
+    return made
+
+
 class _Loaded:
     """A program from disk. That a part of it is missing JAX may find out only as it runs: it is then made
     `anew`."""
@@ -92,48 +111,54 @@ def _cached_by_jax() -> bool:
     return bool(jax.config.values.get("jax_compilation_cache_dir"))
 
 
+def _content(path: Path) -> bytes | None:
+    """What is kept in the file, which was used now; None where it is not whole."""
+    with suppress(OSError):
+        content = path.read_bytes()
+        if sha256(content[32:]).digest() == content[:32]:
+            os.utime(path)
+            return content[32:]
+    return None
+
+
 def _read(path: Path) -> Any:
     """The program in the file; None where there is none that can be used."""
-    try:
-        content = path.read_bytes()
-    except OSError:
+    if (content := _content(path)) is None:
         return None
     try:
         import jax
-        import numpy as np
         from jax.experimental.serialize_executable import deserialize_and_load
         from jaxlib.lapack import prepare_lapack_call
 
-        if sha256(content[32:]).digest() != content[:32]:
-            return None
         # JAX looks LAPACK's functions up as it lowers a call of one; a loaded program would call what is not
         # there.
         prepare_lapack_call("potrf", np.dtype(float))
-        payload, takes, gives = pickle.loads(content[32:])
-        found = deserialize_and_load(payload, takes, gives, execution_devices=jax.devices()[:1])
+        payload, takes, gives = pickle.loads(content)
+        return deserialize_and_load(payload, takes, gives, execution_devices=jax.devices()[:1])
     except Exception:  # whatever is wrong with it, it can be made
         return None
-    with suppress(OSError):
-        os.utime(path)  # it was used
-    return found
 
 
 def _write(path: Path, made: Any) -> None:
-    """Whole or not at all: others may read it, or write the same, meanwhile."""
+    """A program, where there is room and right, and JAX can write it."""
     from jax.experimental.serialize_executable import serialize
 
-    with suppress(Exception):  # no room, no right, or a program that JAX cannot write
-        content = pickle.dumps(serialize(made))
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        file, part = tempfile.mkstemp(dir=path.parent, prefix=".part-")
-        try:
-            with os.fdopen(file, "wb") as out:
-                out.write(sha256(content).digest() + content)
-            os.replace(part, path)
-        finally:
-            with suppress(OSError):
-                os.unlink(part)
-        _drop(path.parent)
+    with suppress(Exception):
+        _put(path, pickle.dumps(serialize(made)))
+
+
+def _put(path: Path, content: bytes) -> None:
+    """Whole or not at all: others may read it, or write the same, meanwhile."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    file, part = tempfile.mkstemp(dir=path.parent, prefix=".part-")
+    try:
+        with os.fdopen(file, "wb") as out:
+            out.write(sha256(content).digest() + content)
+        os.replace(part, path)
+    finally:
+        with suppress(OSError):
+            os.unlink(part)
+    _drop(path.parent)
 
 
 def _drop(where: Path) -> None:

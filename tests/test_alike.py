@@ -129,6 +129,13 @@ def test_a_file_is_read_as_by_the_exact_reader(name, tmp_path):
     assert reader.known
     assert_same(outcome(reader.read, [path]), outcome(read_logs, [path]))
     assert_same(outcome(reader.read, [path]), outcome(read_logs, [path]))
+    others = [
+        written(tmp_path / f"beside{k}.csv", told(f"C{k}") + f"{STEP}\n" + rows(50 + k)) for k in range(2)
+    ]
+    for ahead in ([path], [others[0], path, others[1]]):
+        reader.ahead(ahead)
+        for each in ahead:
+            assert_same(outcome(reader.read, [each]), outcome(read_logs, [each]))
 
 
 @pytest.mark.parametrize("name", STEPS)
@@ -178,6 +185,17 @@ def test_the_third_file_of_a_head_is_read_quickly_and_alike(name, tmp_path, monk
     monkeypatch.setattr(alike, "logs_of", None)
     assert_same(outcome(reader.read, [path]), expected)
     assert reader.plate(path) == ("T3", True)
+    reader.ahead([path])
+    assert bool(reader.waiting) == (name != "a temperature a row")
+    assert_same(outcome(reader.read, [path]), expected)
+
+
+def test_a_file_that_changed_since_it_was_parsed_with_others_is_read_as_it_is(tmp_path):
+    reader = taught(tmp_path, lambda plate: told(plate) + f"{STEP}\n", rows)
+    path = written(tmp_path / "own.csv", told() + f"{STEP}\n" + rows(1))
+    reader.ahead([path])
+    written(tmp_path / "own.csv", told() + f"{STEP}\n" + rows(2, 50))
+    assert_same(outcome(reader.read, [path]), outcome(read_logs, [path]))
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ kept
 precision
 shell
 shown
-tables     densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody compound store hdf matlab
+tables     densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody joined compound store hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
 columns    preset plan signal mapping mapfile labels survey roles draft found metadata unknown synonyms header
 demodulation  lockin switched carrier waveform
@@ -40,7 +40,7 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
            traces zoom brief frames inference
 scene      profile lanes effects engine scene timeline auto carrier simulation toml cli
-fleet      groups settings plate arrays closed batch delayed near template screen differ told lane parts engine table robust tails halves
+fleet      groups settings plate arrays closed batch delayed nodes near template cells screen differ told lane parts engine table robust tails halves
            lot odd words pictures page run
 command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__

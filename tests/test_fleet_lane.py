@@ -11,13 +11,15 @@ from conftest import most, seeds, study, tiers
 
 import sysid
 from sysid.effects.effect import About
-from sysid.fleet import arrays, lane
+from sysid.fleet import arrays, lane, nodes
 from sysid.fleet.groups import Group
 from sysid.fleet.lane import cells_of, fit_together, layout, rows_of
-from sysid.fleet.near import AXES
+from sysid.fleet.near import matched, near_at
+from sysid.fleet.nodes import AXES
 from sysid.fleet.plate import row_of
+from sysid.fleet.screen import surely
 from sysid.fleet.settings import Settings
-from sysid.fleet.template import BESIDE, Template
+from sysid.fleet.template import Placed
 from sysid.model.theta import NAMES
 from sysid.verdict.linear import Linear
 from sysid.verdict.linearised import LinearisedLog
@@ -401,6 +403,20 @@ def test_errors_span_what_those_of_the_single_fit_do(unfitted):
     assert np.median(off) < 0.02 and np.mean(np.array(off) > 0.3) <= 0.02
 
 
+def test_what_is_no_chance_is_so_of_a_run():
+    """Of normal numbers of a thousand plates one is larger than the quantile for one in a thousand, and no more
+    are taken for rare; of a lot that all have something, all that show it as a single fit asks are."""
+    rng, alarms = np.random.default_rng(0), []
+    for _ in range(100):
+        worth = 0.5 * np.maximum(rng.standard_normal(1000), 0) ** 2
+        alarms.append(sum(surely(part, 4.0, 1000).sum() for part in np.split(worth, 4)))
+    assert np.mean(alarms) < 1
+    shown = 0.5 * (3.5 + rng.standard_normal(250)) ** 2
+    np.testing.assert_array_equal(surely(shown, 4.0, 1000), shown >= 4.0)
+    assert surely(np.array([np.nan, 0.0]), 4.0, 10**6).tolist() == [True, False]
+    assert surely(np.array([4.1, 3.9]), 4.0, 1).tolist() == [True, False]
+
+
 def test_the_tests_of_a_cell_are_those_of_plates_away_from_its_middle():
     """Against the tests that the single fit makes of a plate simulated in a corner of a cell: those of the
     middle, moved, find the same, where the middle's alone do not."""
@@ -409,22 +425,24 @@ def test_the_tests_of_a_cell_are_those_of_plates_away_from_its_middle():
     batch = fit_together([(Group("one", logs), logs)])
     key, place = cells.keys(batch)[0], cells.places(batch)[0]
     corner = key[:AXES] + 0.4 * np.sign(place - key[:AXES])
-    tight, sizes = bool(key[-1]), [0.02]
-    gain = 1 / abs(cells.blocks[-1].drive[0])
-    at = lambda where: cells.place(where, gain, sizes, tight)  # noqa: E731
-    middle, theirs = (
-        Template.of(
-            logs, cells.blocks, [at(where + step) for step in (np.zeros(AXES), *BESIDE * np.eye(AXES))], sizes
-        )
-        for where in (key[:AXES].astype(float), corner)
-    )
-    left = np.random.default_rng(1).standard_normal((40, len(theirs.weights)))
+    tight, sizes, gain = bool(key[-1]), [0.02], 1 / abs(cells.blocks[-1].drive[0])
+    at = lambda where: near_at(logs, cells.blocks, *cells.place(where, gain, sizes, tight), sizes)[0]  # noqa: E731
+    middle, theirs = cells.template(key), at(corner)
+    left = np.random.default_rng(1).standard_normal((40, len(middle.tests.basis)))
     fitted = np.concatenate([np.concatenate([v.jacobian[:, :3], v.basis], axis=1) for v in theirs.views])
     left -= left @ np.linalg.pinv(fitted).T @ fitted.T  # as a residual is, of a fit to its own log
-    every, away = np.arange(len(left)), np.tile(corner - key[:AXES], (len(left), 1))
-    size = lambda of, at: np.sqrt(  # noqa: E731
-        np.add.reduceat(of.numbers(left, every, at) ** 2, of.begins, axis=1)
-    )
-    own = size(theirs, 0 * away)
-    moved, still = (np.abs(size(middle, at) - own) for at in (away, 0 * away))
+    terms = matched(middle.terms, theirs)
+    known = [k for k, term in enumerate(terms) if term is not None]
+    scored = {x.term: x.scored for x in theirs.tried}
+    size = lambda numbers: np.linalg.norm(numbers, axis=1)  # noqa: E731
+    own = [size(left @ theirs.fit.rows(terms[k], scored[terms[k]])[0]) for k in known]
+    every = np.arange(len(left))
+
+    def by_cell(away):
+        share = nodes.shares(np.tile(away, (len(left), 1)), middle.narrowed)
+        at = Placed(share, middle.sizes(share), *np.ones((3, len(left), 3)))
+        numbers = middle.numbers(left, every, at)
+        return [size(middle._own(numbers, k)) for k in known]
+
+    moved, still = (np.abs(np.array(by_cell(away)) - own) for away in (corner - key[:AXES], np.zeros(AXES)))
     assert np.median(moved) < 0.05 and np.median(moved) < 0.25 * np.median(still)

@@ -32,7 +32,7 @@ def table(places, errors=ERRORS, seed=0, **columns):
         {"plate": [f"P{k}" for k in range(n)], "result": "successful", "error": None, "date": None}
     )
     frame["warnings"], frame["logs"], frame["findings"] = [[]] * n, [[]] * n, [[]] * n
-    frame["serial"], frame["reference_temperature_degC"] = np.nan, 24.0
+    frame["serial"], frame["reference_temperature_degC"], frame["way_why"] = np.nan, 24.0, ""
     for k, (name, unit) in enumerate((("G", "um/V"), ("tau", "s"), ("f0", "Hz"))):
         frame[name] = np.exp(found[:, k]) if k < 2 else found[:, k]
         frame[f"{name}_std"] = errors[:, k] * (frame[name] if k < 2 else 1.0)
@@ -286,3 +286,11 @@ def test_warnings_are_said_once():
     frame["logs"] = [["a/x.csv"], ["b/x.csv"], ["z.csv"]]
     frame["warnings"] = [["x.csv: noise of 3 %"], ["x.csv: noise of 4.5e-3 %"], ["another"]]
     assert words.repeated(frame) == [(2, "noise of # %"), (1, "another")]
+
+
+def test_noise_that_the_lot_has_is_said_where_chance_does_not_make_it():
+    frame, _ = with_odd(table(drawn(np.random.default_rng(9), 40)))
+    for count, expected in ((3, 0), (12, 1)):
+        frame["way_why"] = ["noise in proportion to the response"] * count + [""] * (40 - count)
+        said = [line for line in words.said(frame) if line.startswith("noise in proportion")]
+        assert len(said) == expected and all("in 12 plates" in line for line in said)

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.fleet.groups import Group
-from sysid.fleet.plate import Row, read, row_of
+from sysid.fleet.plate import Row, read, read_ahead, row_of
 from sysid.fleet.settings import Settings
 from sysid.posterior.accuracy import NAMES
 
 if TYPE_CHECKING:
     from sysid.fleet.batch import Batch
+    from sysid.fleet.cells import Cells
     from sysid.fleet.closed import Block
-    from sysid.fleet.screen import Cells, Screened
+    from sysid.fleet.screen import Screened
     from sysid.logs.log import Log
     from sysid.verdict.differing import Said
 
@@ -57,6 +58,9 @@ def rows_together(
     reason why."""
     alike: dict[tuple, list[Plate]] = {}
     closed = _closed(settings)
+    if not closed and settings.columns is None and batch:
+        begin(batch[0])
+        read_ahead([item for group in batch if not group.refused for item in group.logs])
     for group in batch:
         found: tuple | str = closed
         if not closed and not group.refused:
@@ -158,7 +162,7 @@ _cells: dict[tuple, "Cells"] = {}  # of the layouts that this process has met
 
 def cells_of(key: tuple, logs: "Sequence[Log]") -> "Cells":
     """Those of a layout, of which `logs` are a plate's."""
-    from sysid.fleet.screen import Cells
+    from sysid.fleet.cells import Cells
 
     if key not in _cells:
         _cells[key] = Cells(logs, _blocks([logs]))
@@ -175,7 +179,7 @@ def _rows(
     started = time.perf_counter()
     cells = cells_of(key, plates[0][1])
     try:
-        batch, lefts, seen, said = one_thread(_judged)(plates, cells)
+        batch, lefts, seen, said = one_thread(_judged)(plates, cells, settings.plates)
     except np.linalg.LinAlgError:  # of a plate whose rows tell nothing
         half = len(plates) // 2
         for part in (plates[:half], plates[half:]) if half else ():
@@ -196,28 +200,30 @@ def _rows(
 
 
 def _judged(
-    plates: Sequence[Plate], cells: "Cells"
+    plates: Sequence[Plate], cells: "Cells", of: int
 ) -> "tuple[Batch, list[np.ndarray], Screened, list[list[Said]]]":
     """The fits of plates of one layout; what each leaves of its logs, and whether it goes to `sysid.fit`; and
-    what is said of logs that differ."""
+    what is said of logs that differ. `of`: so many plates of the run."""
     from sysid.fleet.arrays import padded
     from sysid.fleet.delayed import spanned
     from sysid.fleet.differ import dispersion, widened
     from sysid.fleet.screen import residual, screened, vague
 
     plates = padded(plates)
+    names = [[log.name for log in logs] for _, logs in plates]
     with np.errstate(all="ignore"):
-        batch = fit_together(plates)
-        first = [residual(log, batch.step) for log in batch.logs]
-        seen, names = screened(batch, first, cells), [[log.name for log in logs] for _, logs in plates]
-        std = np.sqrt(np.einsum("pii->pi", batch.covariance))
-        batch = spanned(batch, names)
-        lefts = [residual(log, batch.step) for log in batch.logs]
-        added, said = dispersion(batch, names)
-        differ = np.array([bool(each) for each in said])
-        seen = seen.without(differ)
+        fit = fit_together(plates)
+        own, left = dispersion(fit, names), [residual(log, fit.step) for log in fit.logs]
+        std = np.sqrt(np.einsum("pii->pi", fit.covariance))
+        wider = np.sqrt(1 + np.einsum("pii->pi", own[0]) / std**2)
+        seen = screened(fit, left, cells, wider, of)
+        batch = spanned(fit, names)
+        if batch is not fit:
+            own, left = dispersion(batch, names), [residual(log, batch.step) for log in batch.logs]
+        added, said = own
+        seen = seen.without(np.array([bool(each) for each in said]))
         batch = widened(batch, added + seen.spans * std[:, :, None] * std[:, None])
-        return batch, lefts, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
+        return batch, left, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 
 
 def fit_together(plates: Sequence[Plate]) -> "Batch":

@@ -10,13 +10,16 @@ import numpy as np
 
 from sysid import reading
 from sysid.effects.effect import About
+from sysid.effects.registry import ADOPTED, EVERY
 from sysid.effects.sensor import SATURATIONS
 from sysid.fleet.closed import Block, column
 from sysid.logs.log import Log
-from sysid.minimum.minimise import State
+from sysid.minimum.minimise import DOUBTFUL, State
+from sysid.model.plant import LOW_Q
 from sysid.model.span import inverted
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, with_noise
+from sysid.verdict import flank, lone
 from sysid.verdict.averaged import Allowed, Kind, spanned
 from sysid.verdict.firstorder import of_effects
 from sysid.verdict.linear import Linear, Scored, chances_of
@@ -25,9 +28,8 @@ from sysid.verdict.term import Term, together
 from sysid.verdict.terms import terms
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
+NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
-AXES = 3  # of a cell: time constant, detuning, and how wide narrowed priors are
-LEFT = 0.1  # of a test's squared size in the middle: where it would be less, slopes do not tell how much
 LEAST = 0.125  # power of the noise of plates of a cell, over the cell's: of one of several logs
 QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
 CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
@@ -36,9 +38,9 @@ CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off b
 @dataclass(frozen=True, eq=False)
 class Trying:
     """One term with its test: by `chance` it is worth as much; `phase` (log, place) if only in logs whose
-    rotation is near that; `allowed` where errors span it. How the test changes along the axes of a cell: what
-    it moves, `moves` (AXES, 3, r); and the products of its rows, of these and of their changes, `products`
-    (r, 1 + AXES, 1 + AXES)."""
+    rotation is near that; `allowed` where errors span it. At the N nodes of a cell: what its numbers move,
+    `moves` (N, 3, r); how much larger what is usual is, in log variance, `larger` (N,); and the `products_of`
+    its rows there, (r, T)."""
 
     term: Term
     scored: Scored
@@ -46,6 +48,7 @@ class Trying:
     phase: tuple[int, int] | None = None
     allowed: Allowed | None = None
     moves: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
+    larger: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
     products: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
@@ -61,14 +64,20 @@ class Trying:
     def light(self) -> "Trying":
         """Without the arrays over the rows, which the template has side by side."""
         term = replace(self.term, shapes={})
-        allowed = Allowed(term, self.scored) if spanned(term, self.scored, LEAST) else None
+        one, other = np.triu_indices(len(self.larger))
+        most = np.max(self.products[:, one == other] * np.exp(self.larger), axis=1)
+        loudest = self.scored._replace(usual=self.scored.usual * most)
+        allowed = Allowed(term, self.scored) if spanned(term, loudest, LEAST) else None
         return replace(self, term=term, allowed=allowed)
 
-    def at(self, away: np.ndarray) -> Scored:
-        """The test of a plate that is so far away (AXES,) from the middle."""
-        size, scored = 1 / size_of(self.products, away[None])[0], self.scored
-        moves = (scored.moves + np.tensordot(away, self.moves, 1)) * size
-        return scored._replace(values=scored.values * size, moves=moves, usual=scored.usual / size**2)
+    def at(self, share: np.ndarray, power: np.ndarray) -> Scored:
+        """The test of a plate for which the nodes count so much (N,), and whose noise has so many times the
+        `power` (logs,) of the cell's."""
+        size, scored = 1 / size_of(self.products, share[None])[0], self.scored
+        moves = np.tensordot(share, self.moves, 1) * size
+        loud = power[self.term.log or 0]
+        usual = scored.usual / size**2 * np.exp(share @ self.larger) / loud
+        return scored._replace(values=scored.values * size * np.sqrt(loud), moves=moves, usual=usual)
 
 
 class Near(NamedTuple):
@@ -100,11 +109,17 @@ class Near(NamedTuple):
         return cls(fit, [Trying(t, s, chance, phase) for (t, chance, phase), s in scored if s], views)
 
 
-def size_of(products: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """(P, q) size of rows with these products (q, 1 + AXES, 1 + AXES), so far `away` (P, AXES)."""
-    along = np.concatenate([np.ones((len(away), 1)), away], axis=1)
-    both = (along[:, :, None] * along[:, None]).reshape(len(away), (1 + AXES) ** 2)
-    return np.sqrt(np.maximum(both @ products.reshape(len(products), -1).T, LEFT))
+def products_of(weights: np.ndarray) -> np.ndarray:
+    """(q, T) of rows (k, N, q) at N nodes their products with one another, each pair of nodes once."""
+    rows = weights.transpose(2, 1, 0)
+    one, other = np.triu_indices(rows.shape[1])
+    return (rows @ rows.swapaxes(1, 2))[:, one, other] * np.where(one == other, 1, 2)
+
+
+def size_of(products: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """(P, q) size of rows with these products (q, T), of which the nodes have a share (P, N)."""
+    one, other = np.triu_indices(share.shape[1])
+    return np.sqrt(np.maximum((share[:, one] * share[:, other]) @ products.T, 1e-300))
 
 
 def matched(middle: Near, other: Near) -> list[Term | None]:
@@ -113,6 +128,20 @@ def matched(middle: Near, other: Near) -> list[Term | None]:
     for x in other.tried:
         left.setdefault(x.place, []).append(x.term)
     return [left[x.place].pop(0) if left.get(x.place) else None for x in middle.tried]
+
+
+def near_at(
+    logs: Sequence[Log], blocks: Sequence[Block], theta: np.ndarray, narrow: float, levels: Sequence[float]
+) -> "tuple[Near | None, str]":
+    """What is tried of a plate with the inputs of `logs`, whose `blocks` are of one plate, at theta (3,) in
+    noise of `levels`; `narrow`: the width of the prior of a feedthrough that may cancel a lateness (inf: as
+    it is). Why the batch does not cover such plates, "" where it does."""
+    models = models_at(blocks, theta)
+    read, warnings = reading.trials(simulated(logs, models, levels), NUISANCES)
+    if said := _uncovered(read, blocks, warnings, logs):
+        return None, said
+    state, views, reference = state_at(theta, narrowed(read, theta, narrow), models, levels)
+    return Near.of(state, views, reference), _undescribed(state, views, reference)
 
 
 def simulated(logs: Sequence[Log], models: Sequence[np.ndarray], levels: Sequence[float]) -> list[Log]:
@@ -190,3 +219,42 @@ def _turned(i: int, view: LinearisedLog, about: About) -> list[tuple[Term, tuple
         else:
             found += [(t, (i, k)) for k, t in enumerate(same)]
     return found
+
+
+def _uncovered(
+    trials: Sequence[Trial], blocks: Sequence[Block], warnings: Sequence[str], logs: Sequence[Log]
+) -> str:
+    """Why logs of this layout are not read as the batch takes them; "" where they are."""
+    if warnings:
+        said = warnings[0]
+        return next((said.removeprefix(f"{log.name}: ") for log in logs if said.startswith(log.name)), said)
+    if reading.free(trials) != FREE:
+        return "its logs may tell other parameters than G, tau and f0"
+    for trial, block in zip(trials, blocks, strict=True):
+        read = (
+            *trial.shapes,
+            *(("start",) if trial.start_free else ()),
+            *(("late",) if trial.lateness else ()),
+        )
+        if sorted(read) != sorted(block.names) or len(trial.log) != block.response.shape[1]:
+            return "its logs are read in another way"
+        if (
+            trial.steady != block.swept
+            or trial.sideways != 1.0
+            or not np.all(trial.there)
+            or any(trial.steps)
+        ):
+            return "its logs are read in another way"
+    return ""
+
+
+def _undescribed(state: State, views: Sequence[LinearisedLog], reference: tuple[float, float]) -> str:
+    """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
+    f0 = reference[0] + state.named.f0
+    if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:
+        return "its Q is low"
+    if flank.seen(state, reference) is not None:
+        return "its resonance lies outside of all that was driven"
+    if said := lone.resting(state, reference, FREE, None, views):
+        return f"one reading decides {' and '.join(said)}"
+    return ""

@@ -24,6 +24,15 @@ if TYPE_CHECKING:
 UNREADABLE, FAILED, DIED = "the logs cannot be read", "the program failed", "the fit ended its process twice"
 # the ways of a plate: fitted by `sysid.fit` by itself, or with those that are recorded alike
 BY_FIT, BY_BATCH = "fit", "batch"
+# noise for which a plate is fitted by itself
+NOISES = (
+    "noise that rows share",
+    "outliers",
+    "noise of the channels that differs",
+    "noise in proportion to the response",
+    "time stamps that scatter",
+    "noise of the phase",
+)
 TRACED, POINTS = 3, 40  # logs of a plate, and rows of each, that its small picture shows
 DIGITS = 1000  # of the largest value, to which it shows them
 Row = dict[str, Any]
@@ -117,6 +126,11 @@ def read(given: Sequence[Given], columns: str | None) -> "list[Log]":
         return alike.read([str(path) for path in files])
     read = read_logs(files, columns) if files else []
     return in_common_units(of_one_plate([*made, *read])) if made else read
+
+
+def read_ahead(given: Sequence[Given]) -> None:
+    """Parse the files of many plates together, before each plate's are `read`."""
+    alike.ahead([str(item) for item in given if isinstance(item, str | Path)])
 
 
 def _told(posterior: "Posterior") -> Row:

@@ -7,18 +7,22 @@ of the phase); where one is worth `WORTH` the single fit's own estimate decides.
 are held to a little more. The rest is tried with `fleet.template`.
 """
 
+import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.fleet import nodes
 from sysid.fleet.arrays import Rows, on_rows, there
 from sysid.fleet.batch import Batch, Reduced, both
+from sysid.fleet.cells import Cells
 from sysid.fleet.closed import Block, Step, column, made
 from sysid.fleet.delayed import shares
-from sysid.fleet.near import AXES, PHASES
-from sysid.fleet.template import BESIDE, Template
-from sysid.logs.log import Log
+from sysid.fleet.near import FREE, PHASES
+from sysid.fleet.nodes import AXES
+from sysid.fleet.plate import NOISES
+from sysid.fleet.template import Placed, Template
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
@@ -29,18 +33,7 @@ from sysid.verdict.immediate import FED
 from sysid.verdict.immediate import SEEN as FELT
 from sysid.verdict.linear import ENOUGH, MOVES
 
-# width of a cell: in log tau, in half bandwidths, in the logarithm of narrowed priors over the noise; factors
-# of noise over the response, by which no more than priors of the bench differ, and of that of a log over that
-# of the first
-WIDTHS = (0.2, 0.4, 1.4, 4.0, 2.0)
-COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = (
-    "noise that rows share",
-    "outliers",
-    "noise of the channels that differs",
-    "noise in proportion to the response",
-    "time stamps that scatter",
-    "noise of the phase",
-)
+COLOUR, TAILS, APART, SHARE, STAMPS, PHASE = NOISES
 # in log-likelihood, where chance would make more of it than of others: colour is one of half a dozen kinds,
 # and the two numbers of a phase's noise are looked for only as a fit ends
 LEAST = {COLOUR: WORTH + np.log(6), PHASE: ODD}
@@ -168,26 +161,17 @@ class Screened(NamedTuple):
         said, doubts = (list[Finding | None]([None] * count) for _ in range(2))
         return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts)
 
-    def look(
-        self,
-        template: Template,
-        rows: Rows,
-        here: np.ndarray,
-        away: np.ndarray,
-        phases: np.ndarray,
-        power: np.ndarray,
-    ) -> None:
-        """At these plates (p,) of all (P,), with the tests of a template; `rows` (P, R) and `phases` (P,
-        logs) are of all. `away` (p, AXES): from the middle of its cell; `power` (p, logs): of the noise, over
-        that of the cell."""
-        numbers = template.numbers(rows, here, away)
-        for p, found in zip(here.tolist(), template.found(numbers, away, phases[here]), strict=True):
+    def look(self, template: Template, rows: Rows, here: np.ndarray, at: Placed, enough: float) -> None:
+        """At these plates (p,) of all (P,), which are `at` their place in a cell, with the tests of its
+        template; `rows` (P, R) are of all."""
+        numbers = template.numbers(rows, here, at)
+        for p, found in zip(here.tolist(), template.found(numbers, at, enough), strict=True):
             self.doubts[p] = template.doubt(found) if found else None
             if found and self.doubts[p] is None and not self.why[p]:
                 self.why[p] = found[-1].name
         quiet = self.why[here] == ""
         here = here[quiet]
-        self.spans[here], told = template.averaged(numbers[quiet], away[quiet], phases[here], power[quiet])
+        self.spans[here], told = template.averaged(numbers[quiet], at.of(quiet))
         for p, finding in zip(here.tolist(), told, strict=True):
             self.said[p] = finding
 
@@ -197,8 +181,15 @@ class Screened(NamedTuple):
         return self._replace(spans=self.spans * ~plates[:, None, None], said=said)
 
 
-def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Screened:
-    """The plates of a batch; `lefts`: the `residual` of each log."""
+def screened(
+    batch: Batch,
+    lefts: Sequence[np.ndarray],
+    cells: Cells,
+    wider: np.ndarray | float = 1.0,
+    plates: int = 1,
+) -> Screened:
+    """The plates of a batch, of so many `plates` of a run; `lefts`: the `residual` of each log; `wider` (P,
+    3): the errors of G, tau and f0 by which harm is measured, over those of the fit."""
     why = np.full(len(batch.theta), "", object)
 
     def say(which: np.ndarray, reason: str) -> None:
@@ -216,7 +207,7 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
         recorded = np.asarray(_recorded(log.block.basis, log.block.scale))
         say(recorded, "rows that repeat, or are recorded in steps")
         for kind, worth in noise(log.block, turn, left).items():
-            some = ~(worth < LEAST.get(kind, WORTH))
+            some = surely(worth, LEAST.get(kind, WORTH), plates)
             for p in np.flatnonzero(some):
                 some[p] = not np.isfinite(worth[p]) or _confirmed(kind, log.block, int(p), left[p])
             say(some, kind)
@@ -224,29 +215,52 @@ def screened(batch: Batch, lefts: Sequence[np.ndarray], cells: "Cells") -> Scree
         phases.append(np.rint(PHASES * quarter).astype(int) % PHASES)
         for reason, which in _of_bench(batch, log, turn):
             say(which, reason)
-    found = _by_template(batch, lefts, np.stack(phases, axis=1), cells)
+    wider, enough = wider + np.zeros((len(why), len(FREE))), max(ENOUGH, np.log(plates))
+    found = _by_template(batch, lefts, np.stack(phases, axis=1), cells, wider, enough)
     return found._replace(why=np.where(why == "", found.why, why))
 
 
-def _by_template(batch: Batch, lefts: Sequence[np.ndarray], phases: np.ndarray, cells: "Cells") -> Screened:
-    """By the single fit's own terms."""
+def surely(worth: np.ndarray, least: float, plates: int) -> np.ndarray:
+    """(P,) what is `worth` so much in log-likelihood that it is no chance: of so many `plates` of a run
+    chance gives k the logarithm of plates/k, where k of the batch alone have as much (Benjamini & Hochberg,
+    J. R. Stat. Soc. B 57, 289, 1995). At the `least` as much as the single fit asks."""
+    found = np.nan_to_num(worth, nan=np.inf)
+    ordered = np.sort(found)[::-1]
+    more = ordered >= np.maximum(np.log(plates / np.arange(1, len(found) + 1)), least)
+    return found >= np.min(ordered[more], initial=np.inf)
+
+
+def _by_template(
+    batch: Batch,
+    lefts: Sequence[np.ndarray],
+    phases: np.ndarray,
+    cells: Cells,
+    wider: np.ndarray,
+    enough: float,
+) -> Screened:
+    """By the single fit's own terms, which are certain from `enough` on."""
     places, keys, rows = cells.places(batch), cells.keys(batch), None
     away, powers = (places - keys[:, :AXES]), cells.powers(batch, keys)
     found = Screened.nothing(batch)
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
-    for key in np.unique(keys, axis=0):
+    every = np.unique(keys, axis=0)
+    # processes that begin at once go through new cells from either end, and make few of them twice
+    for key in every if os.getpid() % 2 else every[::-1]:
         here, template = np.flatnonzero(np.all(keys == key, axis=1)), cells.template(key)
-        if template.refused:
-            found.why[here] = template.refused
+        if isinstance(template, str):
+            found.why[here] = template
             continue
         if rows is None:
             each = [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)]
             rows = there(np.concatenate(each, axis=1))
-        second = np.max(np.abs(template.second), axis=(0, 1))
+        share = nodes.shares(away[here], template.narrowed)
+        found.why[here] = template.tests.refused[np.argmax(share, axis=1)]  # at the nearest node
+        second = np.max(np.abs(np.tensordot(share, template.tests.second, 1)), axis=(1, 2))
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        found.look(template, rows, here, away[here], phases, powers[here])
+        at = Placed(share, template.sizes(share), phases[here], powers[here], wider[here])
+        found.look(template, rows, here, at, enough)
     return found
 
 
@@ -306,74 +320,3 @@ def cancelling(batch: Batch, log: Reduced, turn: np.ndarray) -> tuple[np.ndarray
     worth = 2 * np.log(np.abs(first) / error) - 0.5 * np.abs(left / error) ** 2 + 0.5 * late**2
     largest = np.max(np.abs(column(log.block, 0)), axis=1)
     return np.where(seen, 1 + first.real / largest, 1.0), np.where(seen, worth, -np.inf)
-
-
-class Cells:
-    """The templates of one layout, made as they are needed: of the inputs of `logs`, whose `blocks` are of
-    one plate."""
-
-    def __init__(self, logs: Sequence[Log], blocks: Sequence[Block]):
-        self.logs, self.blocks = logs, blocks
-        self.made: dict[tuple, Template] = {}
-        self.said: dict[str, str] = {}
-
-    def why(self, name: str, at: float | None) -> str:
-        """Why a parameter that is not free is not determined, at that temperature (degC)."""
-        key = "" if at is None else f"{at:.1f}"  # as the sentence has it
-        if key not in self.said:
-            template = next(t for t in self.made.values() if not t.refused)
-            self.said[key] = template.why(name, at)
-        return self.said[key]
-
-    def places(self, batch: Batch) -> np.ndarray:
-        """(P, AXES) where each plate is, in cells."""
-        detuning = 2 * np.pi * batch.tau * (batch.theta[:, 2] - batch.blocks[-1].middle)
-        narrow = np.zeros(len(detuning))
-        for x in (x for x in batch.logs if not x.block.swept):
-            width = x.prior[:, x.block.names.index("feedthrough")]
-            narrow = np.where(batch.tight, np.log(width / np.maximum(x.std, 1e-300)), 0.0)
-        found = np.stack([batch.theta[:, 1], detuning, narrow], axis=1) / WIDTHS[:AXES]
-        return np.nan_to_num(np.clip(found, -1e6, 1e6))
-
-    def keys(self, batch: Batch) -> np.ndarray:
-        """(P, AXES + logs + 1) whole numbers of each plate's cell."""
-        first, *others = np.log(_levels(batch)).T
-        found = [first / np.log(WIDTHS[-2]), *((other - first) / np.log(WIDTHS[-1]) for other in others)]
-        levels = np.nan_to_num(np.clip(np.stack(found, axis=1), -1e6, 1e6))
-        whole = np.rint(np.concatenate([self.places(batch), levels], axis=1))
-        return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
-
-    def powers(self, batch: Batch, keys: np.ndarray) -> np.ndarray:
-        """(P, logs) of each plate's noise, over that of its cell."""
-        return (_levels(batch) / _of_cells(keys)) ** 2
-
-    def template(self, key: np.ndarray) -> Template:
-        """Of one cell."""
-        if (known := self.made.get(tuple(key))) is None:
-            levels, gain = _of_cells(key[None])[0], 1 / np.abs(self.blocks[-1].drive[0])
-            sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
-            steps = [np.zeros(AXES), *BESIDE * np.eye(AXES)]
-            places = [self.place(key[:AXES] + step, gain, sizes, bool(key[-1])) for step in steps]
-            known = self.made[tuple(key)] = Template.of(self.logs, self.blocks, places, sizes)
-        return known
-
-    def place(
-        self, place: np.ndarray, gain: float, levels: Sequence[float], tight: bool
-    ) -> tuple[np.ndarray, float]:
-        """What a plate of that gain in noise of these levels is there, as `Template.of` has it."""
-        tau, detuning, narrow = place * WIDTHS[:AXES]
-        f0 = self.blocks[-1].middle[0] + detuning / (2 * np.pi * np.exp(tau))
-        noise = next((s for s, b in zip(levels, self.blocks, strict=True) if not b.swept), 0.0)
-        return np.array([np.log(gain), tau, f0]), float(np.exp(narrow) * noise) if tight else np.inf
-
-
-def _levels(batch: Batch) -> np.ndarray:
-    """(P, logs) the noise of each log over its settled response."""
-    gain = np.exp(batch.theta[:, 0])
-    return np.stack([np.maximum(x.std, 1e-300) / (gain * np.abs(x.block.drive)) for x in batch.logs], axis=1)
-
-
-def _of_cells(keys: np.ndarray) -> np.ndarray:
-    """(P, logs) the same in the middle of cells."""
-    first = WIDTHS[-2] ** keys[:, AXES : AXES + 1]
-    return np.concatenate([first, first * WIDTHS[-1] ** keys[:, AXES + 1 : -1]], axis=1)

@@ -17,7 +17,8 @@ from sysid.posterior.accuracy import NAMES
 class Settings:
     """`columns`: a mapping file; `nuisances`, `priors` and `reference_temperature` as `sysid.fit` takes them
     (None: its own); `accuracy` and `seed` as `sysid.sample` does; `full`: a folder for each plate's own set
-    of files. Raises ValueError for an accuracy that is none."""
+    of files; `plates`: so many of the run, by which it is weighed what may be chance. Raises ValueError for
+    an accuracy that is none."""
 
     accuracy: str = NAMES[0]
     seed: int = 0
@@ -27,6 +28,7 @@ class Settings:
     reference_temperature: float = 24.0
     full: str | None = None
     lane: bool = True
+    plates: int = 1
 
     def __post_init__(self) -> None:
         if self.accuracy not in NAMES:
@@ -42,7 +44,7 @@ class Settings:
     def digest(self) -> str:
         """Of all that a row depends on beside its logs: these settings, the mapping file's bytes, and the
         program's own text. Raises LogError for a mapping file that is none."""
-        told = asdict(self) | {"full": self.full is not None}
+        told = asdict(self) | {"full": self.full is not None, "plates": None}  # more of them may come later
         if self.columns is not None:
             from sysid.columns.mapfile import load_mapping
 

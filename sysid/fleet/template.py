@@ -1,12 +1,12 @@
 """What a clean plate looks like to the single fit: the score tests of all that its model leaves out.
 
-A cell holds plates of one layout whose time constant, detuning and noise are nearly alike, and priors where
-these are narrowed. For a plate in its middle, simulated without noise, the single fit's own `terms` are
-linearised once (`linear.Linear.scored`), and again where one of these is a little larger; the whitened
-residuals of all plates of the cell are then tried by one product of matrices. A residual is orthogonal to
-what its own fit can adjust, so its chance is that of the single fit. A plate's own test is that of the
-middle, moved in proportion to how far the plate is off it: its rows w, by whose size the numbers w^T r/|w|
-have unit variance, and what they move.
+A cell holds plates of one layout whose time constant, detuning and noise are alike, and priors where these
+are narrowed. For plates in its middle and at its `nodes`, simulated without noise, the single fit's own
+`terms` are linearised (`linear.Linear.scored`), which is done once and kept on disk; what is said of a term,
+which is no number, is that of a plate in the middle of several cells. The whitened residuals of all plates
+of the cell are then tried by products of matrices. A residual is orthogonal to what its own fit can adjust,
+so its chance is that of the single fit. A plate's own test is a polynomial of its place through those of the
+nodes: its rows w, by whose size the numbers w^T r/|w| have unit variance, and what they move.
 """
 
 from collections.abc import Sequence
@@ -16,136 +16,222 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sysid import reading
-from sysid.effects.registry import ADOPTED, EVERY
 from sysid.fleet.arrays import Rows, on_rows, padding, there
-from sysid.fleet.closed import Block
-from sysid.fleet.near import (
-    AXES,
-    FREE,
-    Near,
-    Trying,
-    matched,
-    models_at,
-    narrowed,
-    simulated,
-    size_of,
-    state_at,
-)
-from sysid.logs.log import Log
-from sysid.minimum.minimise import DOUBTFUL, State
-from sysid.model.plant import LOW_Q
+from sysid.fleet.near import FREE, Near, Trying, matched, products_of, size_of
 from sysid.trials.trial import Trial
-from sysid.verdict import flank, identify, lone
-from sysid.verdict.averaged import WIDER, Allowed, Kind, Together, widest
+from sysid.verdict import identify
+from sysid.verdict.averaged import WIDER, Allowed, Together, widest
 from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Finding
-from sysid.verdict.linear import ENOUGH, PERHAPS, Found
+from sysid.verdict.firstorder import Place
+from sysid.verdict.linear import ENOUGH, PERHAPS, Found, Linear, Scored
 from sysid.verdict.linearised import LinearisedLog
+from sysid.verdict.term import Term
 
-BESIDE = 0.1  # of a cell, by which a step is taken to see how tests change across it
-NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
+RANK = 1e-2  # of a test's size, less than which of it is left out: of its number a hundredth, in white noise
+
+
+class Tests(NamedTuple):
+    """The tests of a cell, side by side, q numbers of all of them: in its middle `values` (q, M), of each
+    number those of a coefficient, and `usual` (q,), as `linear.Scored` has them. At its N nodes `weights` (k,
+    N, q) of a `basis` (R, k), whose products with rows they are; `moves` (N, 3, q), what they move; `larger`
+    (N, K), by what the variance of what is usual is larger there, as a logarithm; `second` (N, logs, 3): by
+    what G, tau and f0 move, in their errors, with the square (s^2) of a lateness; `refused` (N,): why the
+    batch does not cover plates there."""
+
+    values: np.ndarray
+    usual: np.ndarray
+    basis: np.ndarray
+    weights: np.ndarray
+    moves: np.ndarray
+    larger: np.ndarray
+    second: np.ndarray
+    refused: np.ndarray
+
+    @classmethod
+    def of(cls, terms: Near, middle: Near | None, others: "Sequence[tuple[Near | None, str]]") -> "Tests":
+        """Of these `terms` in the middle of a cell and at its nodes. What there is not in the middle is as
+        it is where the terms are of, and what there is not at a node as it is in the middle."""
+        known = _known(terms, middle or terms)
+        own = [(*k.fit.rows(k.term, k.scored), 0.0) for k in known]
+        found = [own if near is None else _elsewhere(terms, known, near, own) for near, _ in others]
+        rows, moves, larger = ([[test[part] for test in tests] for tests in found] for part in range(3))
+        values = [_in_units(x.term, k) for x, k in zip(terms.tried, known, strict=True)]
+        most = max(len(v) for v in values)
+        weights = np.stack([np.concatenate(each, axis=1) for each in rows], axis=1)
+        basis, parts = (x.astype(np.float32) for x in _compressed(weights))
+        return cls(
+            np.concatenate([np.pad(v, ((0, most - len(v)), (0, 0))).T for v in values]),
+            np.concatenate([k.scored.usual for k in known]),
+            basis,
+            parts,
+            np.array([np.concatenate(each, axis=1) for each in moves]),
+            np.array(larger),
+            np.array([_second(near or middle or terms) for near, _ in others]),
+            np.array([why for _, why in others]),
+        )
+
+
+class _Known(NamedTuple):
+    """A term with its test, and the fit that it is beside."""
+
+    fit: Linear
+    term: Term
+    scored: Scored
+
+
+Elsewhere = tuple[np.ndarray, np.ndarray, float]
+
+
+def _known(terms: Near, middle: Near) -> list[_Known]:
+    """The terms, in the middle."""
+    found = []
+    for x, term in zip(terms.tried, matched(terms, middle), strict=True):
+        scored = middle.fit.scored([term])[0] if term else None
+        if term and scored and scored.values.shape == x.scored.values.shape:
+            found.append(_Known(middle.fit, term, scored))
+        else:
+            found.append(_Known(terms.fit, x.term, x.scored))
+    return found
+
+
+def _elsewhere(
+    terms: Near, known: Sequence[_Known], other: Near, own: Sequence[Elsewhere]
+) -> list[Elsewhere]:
+    """Of each term rows, moves and how much larger what is usual is, `own` in the middle."""
+    found = []
+    for k, term, here in zip(known, matched(terms, other), own, strict=True):
+        if term is None:
+            found.append(here)
+            continue
+        rows, moves = other.fit.rows(term, k.scored)
+        (scored,) = other.fit.scored([term])
+        # in numbers of the middle's test, whatever axes either has: the trace is that of coefficients
+        before = np.sum(k.scored.usual * np.sum(rows**2, axis=0))
+        found.append((rows, moves, float(np.log(np.sum(scored.usual) / before)) if scored else 0.0))
+    return found
+
+
+def _in_units(term: Term, known: _Known) -> np.ndarray:
+    """(m, r) the values of a test in the units of the `term` that is the same elsewhere."""
+    ours, theirs = (getattr(t.say, "__self__", None) for t in (term, known.term))
+    if not (isinstance(ours, Place) and isinstance(theirs, Place)):
+        return known.scored.values
+    shown = ours.shown if ours.shown == theirs.shown else []
+    return known.scored.values * (theirs.stds / ours.stds)[shown][:, None] if shown else known.scored.values
+
+
+def _second(near: Near) -> list[list[float]]:
+    """(logs, 3) as `Tests.second` has it."""
+    shapes = [v.observed((v.course.pole * v.course.rate)[None])[0] for v in near.views]
+    return [list(near.fit.moved(i, shape).values()) for i, shape in enumerate(shapes)]
+
+
+def _compressed(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A basis (R, k) and in terms of it weights (R, N, q), each but for RANK of its size."""
+    rows, *others = weights.shape
+    flat = weights.reshape(rows, -1)
+    flat = flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+    basis = np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
+    left = 1 - np.cumsum((basis.T @ flat) ** 2, axis=0)  # (R, N q)
+    basis = basis[:, : 1 + int(np.count_nonzero(np.max(left, axis=1) > RANK**2))]
+    return basis, (basis.T @ weights.reshape(rows, -1)).reshape(-1, *others)
+
+
+class Placed(NamedTuple):
+    """Plates in a cell: the `share` (P, N) that each node has of the tests of each, and the `size` (P, q) of
+    the rows of these; in which PHASES of a quarter turn each rotation is, (P, logs); the `power` (P, logs) of
+    the noise, over that of the cell; by how much `wider` (P, 3) errors are than those of the fit, as harm is
+    measured."""
+
+    share: np.ndarray
+    size: np.ndarray
+    phases: np.ndarray
+    power: np.ndarray
+    wider: np.ndarray
+
+    def of(self, which: np.ndarray) -> "Placed":
+        """Some of them."""
+        return Placed(*(each[which] for each in self))
 
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """The tests of a cell: `weights` (R, (1 + AXES) q) of all terms side by side, each from `begins`, and how
-    they change along the axes. `second` (logs, 3): by what G, tau and f0 move, in their errors, with the
-    square (s^2) of a lateness. `refused`: why the batch does not cover such plates."""
+    """The tests of a cell, of these `terms`; `narrowed`: its priors are."""
 
-    refused: str = ""
-    trials: tuple[Trial, ...] = ()
-    names: tuple[tuple[str, ...], ...] = ()  # of the bench's columns of each log
-    tried: tuple[Trying, ...] = field(default=(), repr=False)
-    weights: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
-    begins: np.ndarray = field(default_factory=lambda: np.zeros(0, int), repr=False)
-    second: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
-    views: tuple[LinearisedLog, ...] = field(default=(), repr=False)
+    terms: Near = field(repr=False)
+    tests: Tests = field(repr=False)
+    narrowed: bool
 
-    @classmethod
-    def of(
-        cls,
-        logs: Sequence[Log],
-        blocks: Sequence[Block],
-        places: Sequence[tuple[np.ndarray, float]],
-        levels: Sequence[float],
-    ) -> "Template":
-        """Of the inputs of `logs`, whose `blocks` are of one plate, in the `places` that are the middle and
-        BESIDE along each axis: theta (3,) there, and the width of the prior of a feedthrough that may cancel
-        a lateness (inf: as it is), in noise of `levels`."""
-        trials, near = tuple[Trial, ...](), list[Near]()
-        for theta, narrow in places:
-            if near and narrow == np.inf and np.array_equal(theta, places[0][0]):
-                near.append(near[0])
-                continue
-            models = models_at(blocks, theta)
-            read, warnings = reading.trials(simulated(logs, models, levels), NUISANCES)
-            trials = trials or read
-            if said := _uncovered(read, blocks, warnings, logs):
-                return cls(said, trials)
-            state, views, reference = state_at(theta, narrowed(read, theta, narrow), models, levels)
-            if not near and (said := _undescribed(state, views, reference)):
-                return cls(said, trials)
-            near.append(Near.of(state, views, reference))
-        return cls._tried(near, trials)
+    @property
+    def views(self) -> list[LinearisedLog]:
+        """The logs that the terms are of."""
+        return self.terms.views
 
-    @classmethod
-    def _tried(cls, places: "Sequence[Near]", trials: tuple[Trial, ...]) -> "Template":
-        (fit, tried, views), *others = places
-        found, weights = list[Trying](), list[np.ndarray]()
-        alike = [matched(places[0], other) for other in others]
-        for j, x in enumerate(tried):
-            rows, moves = fit.rows(x.term, x.scored)
-            near = [
-                other.fit.rows(t[j], x.scored) if t[j] else (rows, moves)
-                for other, t in zip(others, alike, strict=True)
-            ]
-            moved = np.array([(m - moves) / BESIDE for _, m in near])
-            weights.append(np.array([rows, *((r - rows) / BESIDE for r, _ in near)]))
-            found.append(
-                replace(x, moves=moved, products=np.einsum("irn,jrn->nij", weights[-1], weights[-1]))
+    @cached_property
+    def names(self) -> list[list[str]]:
+        """Of the bench's columns of each log."""
+        return [[c.name for c in v.columns] for v in self.views]
+
+    @cached_property
+    def begins(self) -> np.ndarray:
+        """Of each test, among the numbers of all."""
+        return np.cumsum([0, *(x.scored.values.shape[1] for x in self.terms.tried[:-1])])
+
+    @cached_property
+    def tried(self) -> list[Trying]:
+        """Each test."""
+        products, tests, larger = products_of(self._all), self.tests, self.tests.larger.T
+        return [
+            replace(
+                x,
+                scored=x.scored._replace(
+                    values=tests.values[a:b, : len(x.scored.values)].T, usual=tests.usual[a:b]
+                ),
+                moves=tests.moves[:, :, a:b],
+                larger=usual,
+                products=products[a:b],
+            ).light()
+            for x, a, b, usual in zip(
+                self.terms.tried, self.begins, [*self.begins[1:], len(products)], larger, strict=True
             )
-        second = [
-            fit.moved(i, v.observed((v.course.pole * v.course.rate)[None])[0]) for i, v in enumerate(views)
         ]
-        return cls(
-            trials=trials,
-            names=tuple(tuple(c.name for c in v.columns) for v in views),
-            tried=tuple(x.light() for x in found),
-            weights=np.concatenate([w for part in zip(*weights, strict=True) for w in part], axis=1),
-            begins=np.cumsum([0, *(w[0].shape[1] for w in weights[:-1])]),
-            second=np.array([[moves[name] for name in FREE] for moves in second]),
-            views=tuple(views),
-        )
 
-    def numbers(self, rows: Rows, which: np.ndarray, away: np.ndarray) -> np.ndarray:
-        """(p, q) of all tests side by side, of these plates (p,), which are `away` (p, AXES) from the middle,
-        by the residuals (P, R) of all in the plate's frame, with those of the priors."""
+    @cached_property
+    def _all(self) -> np.ndarray:
+        return self.tests.weights.astype(float)
+
+    def sizes(self, share: np.ndarray) -> np.ndarray:
+        """(P, q) of the rows of all tests of plates with such shares."""
+        return size_of(self._sizes, share)
+
+    def numbers(self, rows: Rows, which: np.ndarray, at: Placed) -> np.ndarray:
+        """(p, q) of all tests side by side, of these plates (p,), which are at these places, by the residuals
+        (P, R) of all in the plate's frame, with those of the priors."""
         more = padding(len(which))
         some = np.pad(which, (0, more), mode="edge") if more else which
-        found = np.asarray(_products(rows, some, self._weights))[: len(which)]
-        middle, *slopes = np.split(found, 1 + AXES, axis=1)
-        whole = middle + sum(a[:, None] * s for a, s in zip(away.T, slopes, strict=True))
-        return whole / size_of(self._sizes, away)
+        found = np.asarray(_products(rows, some, *self._weights))[: len(which)]
+        each = found.reshape(len(found), *self.tests.weights.shape[1:])
+        return (at.share[:, None] @ each)[:, 0] / at.size
 
     @cached_property
     def _sizes(self) -> np.ndarray:
         return np.concatenate([x.products for x in self.tried])
 
     @cached_property
-    def _weights(self) -> Rows:
-        return there(self.weights)
+    def _weights(self) -> tuple[Rows, Rows]:
+        return there(self.tests.basis.astype(float)), there(self._all.reshape(len(self._all), -1))
 
-    def found(self, numbers: np.ndarray, away: np.ndarray, phases: np.ndarray) -> list[list[Found]]:
-        """What each plate's logs hold beside the model, or that would move its parameters far if they do, by
-        the thresholds of `misfits`; `numbers` (P, q) of all tests of plates that are `away` (P, AXES) from
-        the middle, `phases` (P, logs): in which PHASES of a quarter turn each rotation is."""
+    def found(self, numbers: np.ndarray, at: Placed, enough: float = ENOUGH) -> list[list[Found]]:
+        """What the logs of plates at these places hold beside the model, or that would move their parameters
+        far if they do, by the thresholds of `misfits`, but that it is certain from `enough` on; `numbers` (P,
+        q) of all tests."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
         found: list[list[Found]] = [[] for _ in numbers]
-        for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(phases)), strict=True):
+        for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(at.phases)), strict=True):
             x, u = self.tried[k], self._own(numbers, k)[p]
-            scored, certain = x.at(away[p]), bool(worth[p, k] >= x.chance + ENOUGH)
-            moves = dict(zip(FREE, (scored.moves @ u).tolist(), strict=True))
+            scored, certain = x.at(at.share[p], at.power[p]), bool(worth[p, k] >= x.chance + enough)
+            moves = dict(zip(FREE, (scored.moves @ u / at.wider[p]).tolist(), strict=True))
             said = x.term.say(scored.values @ u, scored.errors)
             new = Found(said or "", worth[p, k], moves, x.term.name, x.term.log, x.term.freedom, certain)
             if said is not None and (certain or new.harmful):
@@ -154,47 +240,40 @@ class Template:
 
     def doubt(self, found: Sequence[Found]) -> Finding | None:
         """What the single fit would warn of where a plate's logs hold these, none of them certain; None where
-        it has to look closer, as at what one log has for itself, or several may have alike."""
-        if any(f.certain or (f.name, f.log) in self._firm for f in found):
+        it has to look closer."""
+        if any(f.certain for f in found):
             return None
         likely = likeliest(sorted(found, key=lambda f: -f.worth))
-        return next(iter(doubted(likely, [t.log.name for t in self.trials])), None)
+        return next(iter(doubted(likely, [v.trial.log.name for v in self.views])), None)
 
-    @cached_property
-    def _firm(self) -> set[Kind]:
-        """What one log has for itself, and what several may have alike."""
-        return {x.kind for x in self.tried if x.term.between or x.term.parts}
-
-    def averaged(
-        self, numbers: np.ndarray, away: np.ndarray, phases: np.ndarray, power: np.ndarray
-    ) -> tuple[np.ndarray, list[Finding | None]]:
+    def averaged(self, numbers: np.ndarray, at: Placed) -> tuple[np.ndarray, list[Finding | None]]:
         """(P, 3, 3) what effects that the logs allow add to the covariance of each plate, in its errors, and
-        what is said of it (`verdict.averaged`). `power` (P, logs): of the noise, over that of the cell."""
+        what is said of it (`verdict.averaged`)."""
         spans = np.zeros((len(numbers), len(FREE), len(FREE)))
         said = list[Finding | None]([None] * len(numbers))
         if (here := self._spanned) is None:
             return spans, said
-        size = 1 / size_of(self._sizes[here.at], away)
-        own, loud = numbers[:, here.at], power[:, here.logs] * size**2
-        share = here.each.likely(own, loud, self._here(phases)[:, here.tests].T)
-        k, p = np.nonzero(share)
-        shifts = here.moves[0][k] + np.einsum("ea,aeij->eij", away[p], here.moves[1:, k])
+        size = 1 / at.size[:, here.at]
+        own, loud = numbers[:, here.at], at.power[:, here.logs] * size**2 / np.exp(at.share @ here.larger)
+        likely = here.each.likely(own, loud, self._here(at.phases)[:, here.tests].T)
+        k, p = np.nonzero(likely)
+        shifts = np.einsum("en,neij->eij", at.share[p], here.moves[:, k])
         shifts = shifts * size[p[:, None], here.each.places[k]][:, None]
-        np.add.at(spans, p, share[k, p, None, None] * here.each.added((k, p), shifts, own, loud))
+        np.add.at(spans, p, likely[k, p, None, None] * here.each.added((k, p), shifts, own, loud))
         for i in np.flatnonzero(np.max(np.einsum("pii->pi", spans), axis=1) >= WIDER**2 - 1).tolist():
             some = [
-                (self._one(int(j), away[i], power[i]), here.each.own(own[i], j), float(share[j, i]))
+                (self._one(int(j), at.share[i], at.power[i]), here.each.own(own[i], j), float(likely[j, i]))
                 for j in k[p == i]
             ]
             hint = widest(some, FREE, self.views)
             said[i] = hint and hint.told(True)
         return spans, said
 
-    def _one(self, k: int, away: np.ndarray, power: np.ndarray) -> Allowed:
+    def _one(self, k: int, share: np.ndarray, power: np.ndarray) -> Allowed:
         """The k-th effect that errors span, in the noise of a plate."""
         assert self._spanned is not None
         x = self.tried[self._spanned.tests[k]]
-        return Allowed(x.term, x.at(away)).louder(power[x.term.log or 0])
+        return Allowed(x.term, x.at(share, power))
 
     @cached_property
     def _chance(self) -> np.ndarray:
@@ -223,9 +302,10 @@ class Template:
         )
         at = np.concatenate([self.begins[k] + np.arange(n) for k, n in zip(tests, sizes, strict=True)])
         logs = np.repeat([x.term.log or 0 for x in some], sizes)
-        moves = [[x.scored.moves for x in some], *([x.moves[a] for x in some] for a in range(AXES))]
+        moves = [[x.moves[n] for x in some] for n in range(len(self.tests.moves))]
         beside = np.array([together.side_by_side(each) for each in moves])
-        return _Spanned(np.array(tests), at, logs, together, beside)
+        larger = np.repeat(self.tests.larger[:, tests], sizes, axis=1)
+        return _Spanned(np.array(tests), at, logs, together, beside, larger)
 
     def _own(self, numbers: np.ndarray, k: int) -> np.ndarray:
         """(P, r) those of the k-th test."""
@@ -233,7 +313,7 @@ class Template:
 
     def why(self, name: str, temperature: float | None) -> str:
         """Why a parameter that is not free is not determined, at that temperature (degC)."""
-        trials: Sequence[Trial] = self.trials
+        trials: Sequence[Trial] = [v.trial for v in self.views]
         if temperature is not None:
             trials = [
                 replace(t, log=replace(t.log, temperature=np.full(len(t.log), temperature))) for t in trials
@@ -243,55 +323,17 @@ class Template:
 
 class _Spanned(NamedTuple):
     """What errors span: of which test each effect is; of each of its numbers the place among those of all
-    tests, and the log; and `moves` (1 + AXES, K, 3, r), what they move of G, tau and f0, in errors, and how
-    that changes along the axes."""
+    tests, and the log; and `moves` (N, K, 3, r), what they move of G, tau and f0 at the nodes, in errors;
+    and `larger` (N, q), of each of its numbers."""
 
     tests: np.ndarray
     at: np.ndarray
     logs: np.ndarray
     each: Together
     moves: np.ndarray
+    larger: np.ndarray
 
 
 @on_rows()
-def _products(xp: Any, rows: Rows, which: np.ndarray, weights: Rows) -> Rows:
-    return rows[which] @ weights
-
-
-def _uncovered(
-    trials: Sequence[Trial], blocks: Sequence[Block], warnings: Sequence[str], logs: Sequence[Log]
-) -> str:
-    """Why logs of this layout are not read as the batch takes them; "" where they are."""
-    if warnings:
-        said = warnings[0]
-        return next((said.removeprefix(f"{log.name}: ") for log in logs if said.startswith(log.name)), said)
-    if reading.free(trials) != FREE:
-        return "its logs may tell other parameters than G, tau and f0"
-    for trial, block in zip(trials, blocks, strict=True):
-        read = (
-            *trial.shapes,
-            *(("start",) if trial.start_free else ()),
-            *(("late",) if trial.lateness else ()),
-        )
-        if sorted(read) != sorted(block.names) or len(trial.log) != block.response.shape[1]:
-            return "its logs are read in another way"
-        if (
-            trial.steady != block.swept
-            or trial.sideways != 1.0
-            or not np.all(trial.there)
-            or any(trial.steps)
-        ):
-            return "its logs are read in another way"
-    return ""
-
-
-def _undescribed(state: State, views: Sequence[LinearisedLog], reference: tuple[float, float]) -> str:
-    """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
-    f0 = reference[0] + state.named.f0
-    if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:
-        return "its Q is low"
-    if flank.seen(state, reference) is not None:
-        return "its resonance lies outside of all that was driven"
-    if said := lone.resting(state, reference, FREE, None, views):
-        return f"one reading decides {' and '.join(said)}"
-    return ""
+def _products(xp: Any, rows: Rows, which: np.ndarray, basis: Rows, weights: Rows) -> Rows:
+    return rows[which] @ basis @ weights

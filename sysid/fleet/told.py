@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.fleet.batch import Batch
+from sysid.fleet.cells import Cells
 from sysid.fleet.groups import Group
 from sysid.fleet.near import FREE
 from sysid.fleet.plate import BY_BATCH, TRACED, Row, blank, stated, traces
-from sysid.fleet.screen import Cells, Screened
+from sysid.fleet.screen import Screened
 from sysid.fleet.settings import Settings
 from sysid.verdict.differing import Said
 from sysid.verdict.result import NORMAL95

@@ -9,9 +9,11 @@ from typing import Any
 import pandas as pd
 
 from sysid.fleet.lot import FEWEST, UNITS
+from sysid.fleet.plate import NOISES
 from sysid.model.theta import POSITIVE
 from sysid.report.text import measured
 
+ALARMS = 5  # of a number that is 1 on the average: by chance in one of three hundred runs
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.]*(e[-+]?\d+)?")
 
 
@@ -48,6 +50,7 @@ def said(frame: pd.DataFrame) -> list[str]:
         return [f"too few plates to be judged as a lot: {FEWEST} that are identified are needed"]
     each = f"of all {told['judged']} plates chance alone makes {told['alarms']:g} odd on the average"
     lines = [_two(frame, told["halves"])] if "halves" in told else []
+    lines += _noise(frame)
     lines += [_drifts(drift) for drift in told["drifts"]]
     if told["tails"] is not None:
         lines.append(
@@ -55,6 +58,17 @@ def said(frame: pd.DataFrame) -> list[str]:
             f" of {told['tails']:g} degrees of freedom"
         )
     return [*lines, each]
+
+
+def _noise(frame: pd.DataFrame) -> list[str]:
+    """What more plates show of their noise than chance makes, which is one of a run, and so ALARMS in few."""
+    counts = frame["way_why"].value_counts()
+    return [
+        f"{kind} shows in {counts[kind]} plates, which are fitted by themselves; others may have as much, not"
+        " shown, and then their errors do not include it"
+        for kind in NOISES
+        if counts.get(kind, 0) >= ALARMS
+    ]
 
 
 def _two(frame: pd.DataFrame, halves: Mapping[str, Any]) -> str:

@@ -11,8 +11,11 @@ import os
 import re
 import stat
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +29,8 @@ from sysid.tables import units
 from sysid.tables.cells import NO_NUMBER
 from sysid.tables.csvbody import PLAIN, SMALL, Body
 from sysid.tables.csvfile import SAMPLE, Head, LogError
-from sysid.tables.textfile import unchanged
+from sysid.tables.joined import parsed
+from sysid.tables.textfile import refuse_changed
 
 ENDINGS = (".csv", ".txt", ".tsv", ".dat")  # other kinds of files are told by theirs
 OWN = ("plate", "date", "serial")  # metadata that each file has for itself, and that change no number
@@ -83,6 +87,22 @@ class _Pattern:
     constants: dict[str, str]
     cells: dict[int, list[bytes]] = field(repr=False)
 
+    @cached_property
+    def wanted(self) -> set[int]:
+        """The columns that hold something."""
+        return {s.column for s in self.plan.sources.values() if s.column is not None}
+
+    @cached_property
+    def inputs(self) -> dict[int, np.ndarray]:
+        """The numbers of those that are inputs."""
+        return {c: np.fromiter(map(float, cells), np.float64, len(cells)) for c, cells in self.cells.items()}
+
+    @property
+    def numeric(self) -> bool:
+        """Whether nothing hangs on how a number is written, as the digits of a temperature."""
+        source = self.plan.sources.get("temperature")
+        return source is None or source.column is None
+
     def holds(self, top: _Top) -> bool:
         """Whether it is that of a file with such a head."""
         both = zip(self.told, top.told, strict=True)
@@ -91,17 +111,16 @@ class _Pattern:
             for a, b in both
         )
 
-    def log_of(self, path: str, top: _Top, rows: "_Rows", sha256: str) -> Log | None:
+    def log_of(self, path: str, top: _Top, rows: "_Rows | _Parsed", sha256: str) -> Log | None:
         """The log of another file with such a head; None where it holds what is no plain number. Raises
         LogError."""
         own = {
             key: value for (key, value), known in zip(top.told, self.told, strict=True) if value != known[1]
         }
         others = {self.constants[key]: text for key, text in own.items() if key in self.constants}
-        same = not others and all(rows.cells[c :: rows.width] == known for c, known in self.cells.items())
-        wanted = {s.column for s in self.plan.sources.values() if s.column is not None}
+        same = not others and rows.have(self)
         numbers: dict[int, np.ndarray] = {}
-        for column in wanted - self.cells.keys() if same else wanted:
+        for column in self.wanted - self.cells.keys() if same else self.wanted:
             if (found := rows.column(column)) is None:
                 return None
             numbers[column] = found
@@ -134,14 +153,13 @@ class _Rows:
     def of(cls, text: bytes, delimiter: bytes, width: int) -> "_Rows | None":
         """Those of a text; None where a line has another number of cells, or something looks like no
         number."""
-        if b"\r" in text:
-            text = text.replace(b"\r\n", b"\n")
-        text = text.removesuffix(b"\n")
-        marks = text.translate(None, PLAIN.replace(b"\r\n", b""))
-        line = delimiter * (width - 1)
-        if not text or marks != (line + b"\n") * (len(marks) // width) + line:
+        if (plain := _plain(text, delimiter, width)) is None:
             return None
-        return cls(text.replace(b"\n", delimiter).split(delimiter), width)
+        return cls(plain.replace(b"\n", delimiter).split(delimiter), width)
+
+    def have(self, pattern: _Pattern) -> bool:
+        """Whether their inputs are those of the pattern."""
+        return all(self.cells[c :: self.width] == known for c, known in pattern.cells.items())
 
     def column(self, index: int) -> np.ndarray | None:
         """(n,) numbers; None where a cell is none."""
@@ -160,6 +178,46 @@ class _Rows:
         return tuple(tuple(texts[a:b]) for a, b in pairwise(edges))
 
 
+@dataclass(frozen=True, eq=False)
+class _Parsed:
+    """The rows of such a table, parsed together with others: the columns that hold something; its text."""
+
+    columns: dict[int, np.ndarray]
+    text: bytes
+    delimiter: bytes
+
+    def have(self, pattern: _Pattern) -> bool:
+        """As that of `_Rows`."""
+        return all(np.array_equal(self.columns[c], known) for c, known in pattern.inputs.items())
+
+    def column(self, index: int) -> np.ndarray | None:
+        """As that of `_Rows`."""
+        found = self.columns[index]
+        return found if (np.abs(found) < NO_NUMBER).all() else None
+
+    @property
+    def sample(self) -> tuple[tuple[str, ...], ...]:
+        """The first rows as text."""
+        lines = self.text.split(b"\n", SAMPLE)[:SAMPLE]
+        return tuple(tuple(cell.decode() for cell in line.split(self.delimiter)) for line in lines)
+
+
+class _File(NamedTuple):
+    """A file of a known head, as it was on the disk `before` it was read: what is `below` its head."""
+
+    path: str
+    before: os.stat_result
+    top: _Top
+    pattern: _Pattern
+    below: bytes
+    sha256: str
+
+    @property
+    def form(self) -> tuple[bytes, int]:
+        """What parts the cells of a line, and how many of them there are."""
+        return str(self.pattern.head.dialect.delimiter).encode(), len(self.pattern.head.names)
+
+
 class Alike:
     """Reads files as `read_logs` does, those quickly that are like one that it has read before."""
 
@@ -167,6 +225,7 @@ class Alike:
         self.known: dict[bytes, list[_Pattern]] = {}
         self.met: set[bytes] = set()  # heads, of which the second makes a pattern: most may be there once
         self.strange: set[bytes] = set()  # those that are always for the exact reader
+        self.waiting: dict[str, tuple[_File, _Parsed]] = {}  # what was read ahead
 
     def read(self, paths: Sequence[str]) -> list[Log]:
         """The logs of one plate, as `read_logs` gives them. Raises LogError."""
@@ -178,6 +237,27 @@ class Alike:
         if len(found) < len(paths) or len({log.sha256 for log in found}) < len(paths):
             return read_logs(paths)
         return of_one_bench(found)
+
+    def ahead(self, paths: Sequence[str]) -> None:
+        """Parse files of known heads together, which `read` then takes over, if they are as they were."""
+        files: dict[_Pattern, list[_File]] = {}
+        self.waiting = {}
+        for path in paths:
+            with suppress(LogError, OSError):  # `read` finds it again
+                if (file := self._file(path)) is not None and file.pattern.numeric:
+                    files.setdefault(file.pattern, []).append(file)
+        for pattern, some in files.items():
+            mark, width = some[0].form
+            each = [(file, plain) for file in some if (plain := _plain(file.below, mark, width)) is not None]
+            if not each:
+                continue
+            with suppress(ImportError, ValueError):  # each by itself, then
+                mark, width = some[0].form
+                found = (
+                    parsed([plain for _, plain in each], mark.decode(), width, pattern.wanted) if each else ()
+                )
+                for (file, plain), columns in zip(each, found, strict=True):
+                    self.waiting[file.path] = file, _Parsed(columns, plain, mark)
 
     def plate(self, path: str) -> tuple[str | None, bool]:
         """The plate that a file states, and whether it is surely one that can be read down to its first rows:
@@ -206,17 +286,24 @@ class Alike:
 
     def _log(self, path: str) -> Log | None:
         """The log of one file; None where it is for the exact reader."""
+        file, known = self.waiting.pop(path, None) or (self._file(path), None)
+        if file is None or (rows := known or _Rows.of(file.below, *file.form)) is None:
+            return None
+        with np.errstate(all="ignore"):
+            log = file.pattern.log_of(path, file.top, rows, file.sha256)
+        refuse_changed(path, file.before)
+        return log
+
+    def _file(self, path: str) -> _File | None:
+        """One file; None where it is for the exact reader."""
         if not _is_small_text(path):
             return None
-        with np.errstate(all="ignore"), unchanged(path), open(path, "rb") as file:
+        before = os.stat(path)
+        with open(path, "rb") as file:
             text = file.read()
-            if (top := _Top.of(text)) is None:
-                return None
-            if (pattern := self._pattern(path, top)) is None:
-                return None
-            if (rows := _rows(text[top.start :], pattern.head)) is None:
-                return None
-            return pattern.log_of(path, top, rows, hashlib.sha256(text).hexdigest())
+        if (top := _Top.of(text)) is None or (pattern := self._pattern(path, top)) is None:
+            return None
+        return _File(path, before, top, pattern, text[top.start :], hashlib.sha256(text).hexdigest())
 
     def _pattern(self, path: str, top: _Top) -> _Pattern | None:
         """That of a file's head, learned from this very file where it is the second."""
@@ -248,6 +335,17 @@ def _is_small_text(path: str) -> bool:
     except OSError:
         return False
     return stat.S_ISREG(found.st_mode) and found.st_size <= SMALL
+
+
+def _plain(text: bytes, delimiter: bytes, width: int) -> bytes | None:
+    """A text of plain cells, `width` in each line; None where a line has another number of them, or something
+    looks like no number."""
+    if b"\r" in text:
+        text = text.replace(b"\r\n", b"\n")
+    text = text.removesuffix(b"\n")
+    marks = text.translate(None, PLAIN.replace(b"\r\n", b""))
+    line = delimiter * (width - 1)
+    return text if text and marks == (line + b"\n") * (len(marks) // width) + line else None
 
 
 def _rows(text: bytes, head: Head) -> _Rows | None:

@@ -43,6 +43,11 @@ def unchanged(path: str) -> Iterator[None]:
     """Raise LogError when the file is another one, or of another length or time, at the end of the block."""
     before = os.stat(path)
     yield
+    refuse_changed(path, before)
+
+
+def refuse_changed(path: str, before: os.stat_result) -> None:
+    """Raise LogError when the file is another one than it was, or of another length or time."""
     after = os.stat(path)
     if any(getattr(before, name) != getattr(after, name) for name in ("st_ino", "st_size", "st_mtime_ns")):
         raise LogError(

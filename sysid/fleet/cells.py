@@ -1,0 +1,123 @@
+"""Cells of plates of one layout that are nearly alike, and the tests of each."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from sysid.fleet.batch import Batch
+from sysid.fleet.closed import Block
+from sysid.fleet.near import Near, near_at
+from sysid.fleet.nodes import AXES, places
+from sysid.fleet.plate import digest
+from sysid.fleet.template import Template, Tests
+from sysid.kept import arrays
+from sysid.logs.log import Log
+
+# width of a cell: in log tau, in half bandwidths, in the logarithm of narrowed priors over the noise; factors
+# of noise over the response, by which no more than priors of the bench differ, and of that of a log over that
+# of the first
+WIDTHS = (0.4, 0.8, 2.8, 4.0, 2.0)
+BLOCK = 3  # cells along each axis, of which what is said of a term is the same
+
+
+class Cells:
+    """The templates of one layout, made as they are needed: of the inputs of `logs`, whose `blocks` are of
+    one plate."""
+
+    def __init__(self, logs: Sequence[Log], blocks: Sequence[Block]):
+        self.logs, self.blocks = logs, blocks
+        self.made: dict[tuple, Template | str] = {}
+        self.terms: dict[tuple, tuple[Near | None, str]] = {}
+        self.said: dict[str, str] = {}
+
+    def why(self, name: str, at: float | None) -> str:
+        """Why a parameter that is not free is not determined, at that temperature (degC)."""
+        key = "" if at is None else f"{at:.1f}"  # as the sentence has it
+        if key not in self.said:
+            template = next(t for t in self.made.values() if not isinstance(t, str))
+            self.said[key] = template.why(name, at)
+        return self.said[key]
+
+    def places(self, batch: Batch) -> np.ndarray:
+        """(P, AXES) where each plate is, in cells."""
+        detuning = 2 * np.pi * batch.tau * (batch.theta[:, 2] - batch.blocks[-1].middle)
+        narrow = np.zeros(len(detuning))
+        for x in (x for x in batch.logs if not x.block.swept):
+            width = x.prior[:, x.block.names.index("feedthrough")]
+            narrow = np.where(batch.tight, np.log(width / np.maximum(x.std, 1e-300)), 0.0)
+        found = np.stack([batch.theta[:, 1], detuning, narrow], axis=1) / WIDTHS[:AXES]
+        return np.nan_to_num(np.clip(found, -1e6, 1e6))
+
+    def keys(self, batch: Batch) -> np.ndarray:
+        """(P, AXES + logs + 1) whole numbers of each plate's cell."""
+        first, *others = np.log(_levels(batch)).T
+        found = [first / np.log(WIDTHS[-2]), *((other - first) / np.log(WIDTHS[-1]) for other in others)]
+        levels = np.nan_to_num(np.clip(np.stack(found, axis=1), -1e6, 1e6))
+        whole = np.rint(np.concatenate([self.places(batch), levels], axis=1))
+        return np.concatenate([whole, batch.tight[:, None]], axis=1).astype(int)
+
+    def powers(self, batch: Batch, keys: np.ndarray) -> np.ndarray:
+        """(P, logs) of each plate's noise, over that of its cell."""
+        return (_levels(batch) / _of_cells(keys)) ** 2
+
+    def template(self, key: np.ndarray) -> Template | str:
+        """Of one cell; why the batch does not cover it."""
+        if (known := self.made.get(tuple(key))) is None:
+            known = self.made[tuple(key)] = self._made(key)
+        return known
+
+    def _made(self, key: np.ndarray) -> Template | str:
+        """That of one cell, by its tests on disk, if they are there."""
+        middle = np.concatenate([BLOCK * ((key[:AXES] + BLOCK // 2) // BLOCK), key[AXES:]])
+        if (terms := self.terms.get(tuple(middle))) is None:
+            terms = self.terms[tuple(middle)] = self._near(middle)
+        near, why = terms
+        if near is None:
+            return why
+
+        def tests() -> Mapping[str, np.ndarray]:
+            others = [self._near(key, place) for place in places(bool(key[-1]))]
+            return Tests.of(near, self._near(key)[0], others)._asdict()
+
+        kept = arrays("tests", f"{self.inputs} {key.tolist()}", tests)
+        return Template(near, Tests(**kept), bool(key[-1]))
+
+    def _near(self, key: np.ndarray, away: np.ndarray | float = 0.0) -> tuple[Near | None, str]:
+        """What is tried `away` (AXES,) from the middle of a cell; why plates there are not for the batch."""
+        levels, gain = _of_cells(key[None])[0], 1 / np.abs(self.blocks[-1].drive[0])
+        sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
+        where = self.place(key[:AXES] + away, gain, sizes, bool(key[-1]))
+        return near_at(self.logs, self.blocks, *where, sizes)
+
+    @cached_property
+    def inputs(self) -> str:
+        """A digest of all that tests hang on but the plate."""
+        silent = [np.zeros_like(log.response) for log in self.logs]
+        plain = [
+            replace(log, response=r, name="", path="", sha256="", metadata={}, notes=())
+            for log, r in zip(self.logs, silent, strict=True)
+        ]
+        return " ".join(map(digest, plain))
+
+    def place(
+        self, place: np.ndarray, gain: float, levels: Sequence[float], tight: bool
+    ) -> tuple[np.ndarray, float]:
+        """What a plate of that gain in noise of these levels is there, as `Template.of` has it."""
+        tau, detuning, narrow = place * WIDTHS[:AXES]
+        f0 = self.blocks[-1].middle[0] + detuning / (2 * np.pi * np.exp(tau))
+        noise = next((s for s, b in zip(levels, self.blocks, strict=True) if not b.swept), 0.0)
+        return np.array([np.log(gain), tau, f0]), float(np.exp(narrow) * noise) if tight else np.inf
+
+
+def _levels(batch: Batch) -> np.ndarray:
+    """(P, logs) the noise of each log over its settled response."""
+    gain = np.exp(batch.theta[:, 0])
+    return np.stack([np.maximum(x.std, 1e-300) / (gain * np.abs(x.block.drive)) for x in batch.logs], axis=1)
+
+
+def _of_cells(keys: np.ndarray) -> np.ndarray:
+    """(P, logs) the same in the middle of cells."""
+    first = WIDTHS[-2] ** keys[:, AXES : AXES + 1]
+    return np.concatenate([first, first * WIDTHS[-1] ** keys[:, AXES + 1 : -1]], axis=1)
