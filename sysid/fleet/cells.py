@@ -18,7 +18,7 @@ from sysid.logs.log import Log
 # width of a cell: in log tau, in half bandwidths, in the logarithm of narrowed priors over the noise; factors
 # of noise over the response, by which no more than priors of the bench differ, and of that of a log over that
 # of the first
-WIDTHS = (0.4, 0.8, 2.8, 4.0, 2.0)
+WIDTHS = (0.4, 0.8, 1.4, 4.0, 2.0)
 BLOCK = 3  # cells along each axis, of which what is said of a term is the same
 
 
