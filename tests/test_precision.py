@@ -196,6 +196,27 @@ def test_those_who_write_at_once_and_read_find_whole_programs(keepable, folder):
     assert [p.name for p in folder.iterdir()] == [path.name]  # nothing on its way is left
 
 
+def test_arrays_are_made_once_and_anew_where_they_are_damaged(folder, monkeypatch):
+    calls = []
+
+    def make():
+        calls.append(1)
+        return {"a": np.arange(3.0), "said": np.array(["", "why"])}
+
+    def same(found):
+        return found["a"].tolist() == [0.0, 1.0, 2.0] and found["said"].tolist() == ["", "why"]
+
+    monkeypatch.setenv(kept.SWITCH, str(folder))
+    assert all(same(kept.arrays("x", "one", make)) for _ in range(3)) and len(calls) == 1
+    assert same(kept.arrays("x", "two", make)) and len(calls) == 2
+    for path in folder.iterdir():
+        path.write_bytes(path.read_bytes()[:-1] + b"?")
+    assert same(kept.arrays("x", "one", make)) and len(calls) == 3
+    assert same(kept.arrays("x", "one", make)) and len(calls) == 3
+    monkeypatch.setenv(kept.SWITCH, "off")
+    assert same(kept.arrays("x", "one", make)) and len(calls) == 4
+
+
 def test_what_was_not_used_for_longest_goes_first(keepable, folder, monkeypatch):
     asked(keepable)
     (program,) = folder.iterdir()

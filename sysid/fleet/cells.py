@@ -11,15 +11,19 @@ from sysid.fleet.closed import Block
 from sysid.fleet.near import Near, near_at
 from sysid.fleet.nodes import AXES, places
 from sysid.fleet.plate import digest
-from sysid.fleet.template import Template, Tests
+from sysid.fleet.template import Template
+from sysid.fleet.tests import Tests
 from sysid.kept import arrays
 from sysid.logs.log import Log
 
-# width of a cell: in log tau, in half bandwidths, in the logarithm of narrowed priors over the noise; factors
-# of noise over the response, by which no more than priors of the bench differ, and of that of a log over that
-# of the first
+# width of a cell: in log tau and in half bandwidths, of which the nodes follow tests in its corners to a
+# twentieth of their noise; in the logarithm of narrowed priors over the noise, which tests follow in
+# proportion; factors of noise over the response, by which no more than priors of the bench differ, and of
+# that of a log over that of the first
 WIDTHS = (0.4, 0.8, 1.4, 4.0, 2.0)
-BLOCK = 3  # cells along each axis, of which what is said of a term is the same
+BLOCK = (
+    3  # cells along each axis that have terms in common: with those beside it a middle has neighbours only
+)
 
 
 class Cells:
