@@ -189,9 +189,11 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
 
 
 def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], list[Group]]:
-    """These effects as they are tried: the likely ones, and the others, as is what may be anything."""
-    likely, every = (groups(promising(each, looked, wrong, least), wrong) for least in (LIKELY, PROMISES))
-    likely = [x for x in likely if x[0].effect.hop is None]
+    """These effects as they are tried: the likely ones, and the others. What may be anything is among these,
+    and only where a single log is wrong: it does not happen to several."""
+    known = [x for x in each if x.effect.hop is None]
+    likely = groups(promising(known, looked, wrong, LIKELY), wrong)
+    every = groups(promising(each if len(wrong) == 1 else known, looked, wrong, PROMISES), wrong)
     return likely, [x for x in every if x not in likely]
 
 
