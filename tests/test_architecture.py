@@ -19,7 +19,8 @@ kept
 precision
 shell
 shown
-tables     densities units textfile cells scattered stamps pieces preamble sheet layout csvfile csvbody joined compound store hdf matlab
+tables     densities units textfile cells scattered stamps pieces preamble axis sheet layout csvfile csvbody joined compound store
+           hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
 columns    preset plan signal mapping mapfile labels survey roles draft found metadata unknown synonyms header
 demodulation  lockin switched carrier waveform

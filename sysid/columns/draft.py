@@ -344,7 +344,7 @@ def _files(head: Head, columns: Columns, guessed: Mapping[str, int]) -> dict[str
     named = re.fullmatch(
         r"(.*?)(ch|chan|channel|c)([-_ ]?)([1-8])(?!\d)(.*?)(\.\w+)?", head.name, re.IGNORECASE
     )
-    others = [index for index in range(len(head.names)) if index != guessed.get("time")]
+    others = [k for k in range(len(head.names)) if k != guessed.get("time") and columns.holds_data(k)]
     if (
         named is None
         or "time" not in guessed

@@ -152,9 +152,10 @@ def contract_plan(head: Head) -> Plan:
     unknown = []
     waveform = is_waveform(head)
     for index, label in enumerate(head.names):
-        of_errors = _of_errors(label)
+        of_errors, says = _of_errors(label), head.says(index)
         ours = not of_errors if waveform else first_word(label) != "response"
-        ours = ours and add_source(head, sources, of_errors or label, Source(label, "", column=index))
+        ours = ours and add_source(head, sources, of_errors or says, Source(label, "", column=index))
+        notes += [f"column {label} is read as {says}, as settings say"] if ours and says != label else []
         if not ours and label.casefold() != "log":
             unknown.append(label)
     for key, value in head.metadata.items():
@@ -263,7 +264,7 @@ def _first_numbers(head: Head, label: str) -> list[float]:
 
 
 def _is_called_time(label: str) -> bool:
-    return units.split_unit(label)[0].casefold() in {*CALLED["time"], *STAMPED}
+    return bool({label.casefold(), units.split_unit(label)[0].casefold()} & {*CALLED["time"], *STAMPED})
 
 
 def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:

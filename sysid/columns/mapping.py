@@ -294,7 +294,7 @@ class MappingFile:
         key = f"[columns] {name}"
         index = self.position(key, entry, head)
         label = head.names[index] or f"column {index}"
-        unit, amplitude = split_ending(entry.get("unit", label), "unit" in entry)
+        unit, amplitude = split_ending(entry.get("unit", head.says(index) or label), "unit" in entry)
         stated = self.options.get("amplitude", "peak") if name in units.AMPLITUDES else "peak"
         amplitude = entry.get("amplitude") or amplitude or stated
         dated = name == "time" and head.dated(index)

@@ -63,7 +63,7 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes,
     or a column beside two of volts. Empty for any other file."""
     time, count = guessed.get("time"), len(columns.labels)
-    others = [index for index in range(count) if index != time]
+    others = [index for index in range(count) if index != time and columns.holds_data(index)]
     volts = [index for index in others if fits("voltage", columns.unit(index))]
     pair = count == 3 and len(volts) == 2
     sampled = any(key.casefold().startswith("sample_rate") for key in columns.head.metadata)
@@ -191,12 +191,13 @@ def _named(columns: Columns) -> dict[str, list[int]]:
     """Every column under the name that its head suggests."""
     found: dict[str, list[int]] = {}
     for index, label in enumerate(columns.labels):
-        if NOT_DATA.search(columns.head.names[index]) or not (label.words or label.unit):
+        nothing = not (label.words or label.unit) or not columns.holds_data(index)
+        if NOT_DATA.search(columns.head.names[index]) or nothing:
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)
     for name in ("time", "frequency"):
-        free = columns.labels and not any(0 in of for of in found.values())
+        free = columns.labels and columns.holds_data(0) and not any(0 in of for of in found.values())
         if name not in found and free and fits(name, columns.unit(0)):
             found[name] = [0]
     return found

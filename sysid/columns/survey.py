@@ -25,7 +25,7 @@ class Columns:
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What the head of each column says."""
-        return tuple(self._as_a_temperature(k, parse(name)) for k, name in enumerate(self.head.names))
+        return tuple(self._as_a_temperature(k, parse(self.head.says(k))) for k in range(len(self.head.names)))
 
     def _as_a_temperature(self, column: int, label: Label) -> Label:
         """The label of a column in C or F, whose numbers say whether they are degrees: no plate holds a
@@ -88,7 +88,9 @@ class Columns:
         return len(found) < 3 or bool(np.ptp(found) > 0)
 
     def holds_data(self, column: int) -> bool:
-        """Whether its first rows hold numbers, or dates: no remarks."""
+        """Whether its first rows hold numbers, or dates: no remarks; and it has a name where others have."""
+        if any(self.head.names) and not self.head.says(column):
+            return False
         return len(self.numbers(column)) > 0 or self.head.dated(column)
 
     def counts(self, column: int) -> bool:

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
+from sysid.tables import axis
 from sysid.tables.cells import (
     NO_NUMBER,
     WHITESPACE,
@@ -150,9 +151,12 @@ def _of_table(head: Head, gap: Gap) -> dict[str, str]:
             f"{head.path}, line {gap.line + place + 1}: {found}; save each table in a file of its own"
         )
     texts = [raw.decode("utf-8", errors="replace") for raw in lines if raw]
-    marks = head.dialect.comment or ()
+    marks, known = head.dialect.comment or (), head.dialect
+    told = (head.told, head.sample[0], str(known.delimiter), str(known.decimal))
+    rate = axis.sample_rate(head.path, texts, *told)
     return (
         head.metadata
+        | ({"sample_rate_Hz": rate} if rate else {})
         | metadata_of([text[len(mark) :] for text in texts for mark in marks if text.startswith(mark)])[0]
     )
 

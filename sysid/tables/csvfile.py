@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import BinaryIO, NamedTuple
 
-from sysid.tables import layout, units
+from sysid.tables import axis, layout, units
 from sysid.tables.cells import (
     GROUPED,
     WHITESPACE,
@@ -26,6 +26,7 @@ from sysid.tables.cells import (
 )
 from sysid.tables.preamble import (
     DEEPEST,
+    Top,
     find_top,
     header_line,
     increment,
@@ -66,6 +67,13 @@ class Head:
     above: tuple[
         str, ...
     ] = ()  # lines above the table, comments without marks, or the kind of a file: which instrument wrote it
+    # columns that settings name, with their units, and that do not say it themselves
+    told: Mapping[int, str] = field(default_factory=dict)
+
+    def says(self, column: int) -> str:
+        """What is said of a column: its own name, or that which settings give it where its cells hold
+        something."""
+        return (self.told if self.first(column) else {}).get(column, self.names[column])
 
     def first(self, column: int) -> str:
         """The column's cell in the first row, "" where that is too short."""
@@ -89,10 +97,13 @@ def called(path: str) -> str:
 def read_head(path: str, dialect: Dialect) -> Head:
     """Metadata, column names and dialect of the file at `path`. Raises LogError when there is no table in
     it."""
-    if dialect.skip is dialect.header is dialect.join is None and (above := _settings(path, dialect)):
-        head = _read_top(path, replace(dialect, skip=len(above), header=False))
-        note = f"lines 1 to {len(above)}, settings above rows without a header, left out"
-        return replace(head, notes=(*head.notes, note), above=above, preamble=True)
+    if dialect.skip is dialect.header is dialect.join is None and (top := _uncommented(path)):
+        if told := axis.beside(top, dialect.delimiter or find_delimiter(top[0])):
+            return _with_settings_beside(_read_top(path, replace(dialect, header=False)), told, top)
+        if above := tuple(line.strip() for line in top[: settings(top, dialect)]):
+            head = _read_top(path, replace(dialect, skip=len(above), header=False))
+            note = f"lines 1 to {len(above)}, settings above rows without a header, left out"
+            return replace(head, notes=(*head.notes, note), above=above, preamble=True)
     head = _read_top(path, dialect)
     if dialect.join is not None:
         found = layout.tables(path, dialect)
@@ -110,15 +121,21 @@ def read_head(path: str, dialect: Dialect) -> Head:
     return head
 
 
-def _settings(path: str, dialect: Dialect) -> tuple[str, ...]:
-    """The lines of settings above a table that has no header; empty of any other file."""
+def _uncommented(path: str) -> list[str]:
+    """The first lines of a file that does not begin with a comment, or with nothing; empty of any other."""
     with open_text(path) as file:
         first = read_line(path, file, 1)
-        if not first.strip() or len(first) > units.LONGEST or first.startswith((b"#", b"%", b"!")):
-            return ()
+        if not first.strip() or first.startswith((b"#", b"%", b"!")):
+            return []
         raws = [first, *_read_lines(path, file, 1, DEEPEST - 1)]
-    lines = [raw.decode("utf-8", errors="replace") for raw in raws]
-    return tuple(line.strip() for line in lines[: settings(lines, dialect)])
+    return [raw.decode("utf-8", errors="replace") for raw in raws]
+
+
+def _with_settings_beside(head: Head, told: Mapping[int, str], lines: list[str]) -> Head:
+    """The head of rows that have settings beside them, with names of the columns that hold numbers."""
+    names = tuple(told.get(k, "").partition(" ")[0] for k in range(len(head.names)))
+    note = f"column{'s' if min(told) > 1 else ''} 0 to {min(told) - 1}, settings beside the rows, left out"
+    return replace(head, names=names, told=told, notes=(*head.notes, note), above=tuple(lines[:1]))
 
 
 def _on_sheet(head: Head, sheet: Sheet, names: tuple[str, ...], note: str) -> Head:
@@ -163,24 +180,37 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
-    if (
-        top
-        and (step := increment(lines, top))
-        and not any(key.casefold().startswith("sample_rate") for key in metadata)
-    ):
-        metadata["sample_rate_Hz"] = f"{1 / step:.12g}"
-        notes.append(f"sampled every {step:g} s, as the line of units says below Increment")
+    decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
+    told, rate, remark = _explained(path, lines, top, names, rows[0], decimal) if top else ({}, "", "")
+    if rate and not any(key.casefold().startswith("sample_rate") for key in metadata):
+        metadata["sample_rate_Hz"] = rate
+        notes.append(remark)
     remarks = {
         key: value
         for key, value in (_stated(comment, "=") for comment in comments)
         if key and key not in metadata
     }
-    decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
     said = (*comments, *(lines[: top.names] if top else ()))
-    told = (tuple(notes), below, header, remarks)
-    return Head(path, metadata, repeated, names, known, start, number + above, rows, *told, above=said)
+    more = (tuple(notes), below, header, remarks)
+    return Head(
+        path, metadata, repeated, names, known, start, number + above, rows, *more, above=said, told=told
+    )
+
+
+def _explained(
+    path: str, lines: list[str], top: Top, names: tuple[str, ...], row: tuple[str, ...], decimal: str
+) -> tuple[dict[int, str], str, str]:
+    """What settings above a table call its axis; the sample rate (Hz) that they state, "" where they do not,
+    and a note on it."""
+    above = lines[: top.names]
+    told = axis.named(above, names, top.delimiter)
+    if rate := axis.sample_rate(path, above, told, row, top.delimiter, decimal):
+        return told, rate, f"sampled at {rate} Hz, as Delta_X says above the header"
+    step = increment(lines, top)
+    rate = f"{1 / step:.12g}" if step else ""
+    return told, rate, f"sampled every {step:g} s, as the line of units says below Increment" if step else ""
 
 
 def _unnamed(rows: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:

@@ -34,11 +34,14 @@ class Rows(NamedTuple):
     delimiter: str
     width: int
     numbers: tuple[int, ...]
+    before: tuple[int, ...] = ()  # empty cells before the first number
 
     def holds(self, raw: bytes) -> bool:
-        """Whether a line has a number where the first row has its first."""
+        """Whether a line has a number where the first row has its first, and no word before it where that has
+        nothing."""
         cells = self._cells(raw)
-        return all(len(cells) > k and _is_value(cells[k]) for k in self.numbers[:1])
+        words = any(cells[k].strip() and not _is_value(cells[k]) for k in self.before if k < len(cells))
+        return not words and all(len(cells) > k and _is_value(cells[k]) for k in self.numbers[:1])
 
     def is_like(self, raw: bytes) -> bool:
         """Whether a line has as many cells as the first row, and a number where that has one: a row, if a bad
@@ -52,7 +55,9 @@ class Rows(NamedTuple):
 
 def rows_like(first: Sequence[str], delimiter: str) -> Rows:
     """What tells rows like the `first` from other lines: how many cells, and which of them are numbers."""
-    return Rows(delimiter, len(first), tuple(k for k, cell in enumerate(first) if _is_value(cell)))
+    numbers = tuple(k for k, cell in enumerate(first) if _is_value(cell))
+    before = tuple(k for k in range(next(iter(numbers), 0)) if not first[k].strip())
+    return Rows(delimiter, len(first), numbers, before)
 
 
 def find_gaps(file: BinaryIO, header: bytes, start: int, line: int, rows: Rows, size: int) -> list[Gap]:
