@@ -54,6 +54,9 @@ def beside(lines: Sequence[str], delimiter: str) -> dict[int, str]:
 
     The first column holds names or nothing, the second their values; two behind them hold numbers in every
     row, of which the first rise."""
+    first = split_line(lines[0], delimiter)
+    if is_number(first[0]) or not any(map(is_number, first[2:WIDEST])):
+        return {}
     rows = [split_line(line, delimiter) for line in lines if line.strip()]
     width = min(map(len, rows), default=0)
     stated = {row[0].strip().casefold(): row[1].strip() for row in rows if width > 3 and row[0].strip()}

@@ -122,10 +122,12 @@ def read_head(path: str, dialect: Dialect) -> Head:
 
 
 def _uncommented(path: str) -> list[str]:
-    """The first lines of a file that does not begin with a comment, or with nothing; empty of any other."""
+    """The first lines of a file that does not begin with a comment, with nothing, or with a long header; empty
+    of any other."""
     with open_text(path) as file:
         first = read_line(path, file, 1)
-        if not first.strip() or first.startswith((b"#", b"%", b"!")):
+        long = len(first) > units.LONGEST and not re.search(rb"[,;\t ]\s*[-+.\d]", first)
+        if not first.strip() or long or first.startswith((b"#", b"%", b"!")):
             return []
         raws = [first, *_read_lines(path, file, 1, DEEPEST - 1)]
     return [raw.decode("utf-8", errors="replace") for raw in raws]
