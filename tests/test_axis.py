@@ -143,3 +143,14 @@ def test_remarks_beside_rows_are_no_settings(save):
     text = "".join(f"{'start' if k == 0 else ''},,{k % 7},{k}\n" for k in range(40))
     error = refused(save(text, "a.csv"))
     assert "settings beside" not in str(error)
+
+
+@pytest.mark.parametrize(
+    "head", ["in s,C1 in V,C2 in V", "Time,C1W1,C2W1\nin s,in V,in V", "Zeit in s,U1 in V,U2 in V"]
+)
+def test_a_unit_behind_in_is_one(save, head):
+    """As Rohde & Schwarz, and Germans, write heads."""
+    path = save(head + "\n" + "\n".join(",".join(row) for row in numbers(T - 2e-3, *SAMPLES)) + "\n")
+    draft = refused(path).mapping
+    assert draft.count('"?"  #') == draft.count('quantity = "?"') == 1
+    check_carrier(read_logs(path, columns=save(draft.replace('"?"', '"displacement"', 1), "map.toml"))[0])

@@ -122,8 +122,8 @@ def read_head(path: str, dialect: Dialect) -> Head:
 
 
 def _uncommented(path: str) -> list[str]:
-    """The first lines of a file that does not begin with a comment, with nothing, or with a long header; empty
-    of any other."""
+    """The first lines of a file that does not begin with a comment, with nothing, or with a long header;
+    empty of any other."""
     with open_text(path) as file:
         first = read_line(path, file, 1)
         long = len(first) > units.LONGEST and not re.search(rb"[,;\t ]\s*[-+.\d]", first)

@@ -116,6 +116,7 @@ _BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp
 _QUOTIENT = re.compile(
     r"([^/_]*[^/_\s])\s*/\s*(\S.*)"
 )  # f/Hz, a table's head by ISO 80000: a quantity over its unit
+_IN = re.compile(r"(|.*\S)[\s_]+in\s+(\S.*)")  # Zeit in s; of R&S also "in s" alone, or below a name
 _AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
 
 
@@ -172,18 +173,26 @@ def fits(quantity: str, unit: str) -> bool:
 
 @functools.lru_cache(1024)
 def split_unit(label: str) -> tuple[str, str, str]:
-    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit` or `name_unit`; `name_word_unit` is a
-    name without one."""
+    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit`, `Name in unit` or `name_unit`;
+    `name_word_unit` is a name without one."""
     label = plain(label.strip())
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
         return name, found[2], (found[3] or stated).lower()
+    if found := split_in(label):
+        return *found, ""
     if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
         return found[1], found[2], ""
     name, _, rest = label.partition("_")
     if "_" in split_amplitude(rest)[0]:
         return label, "", ""
     return name, rest.strip(), ""
+
+
+def split_in(label: str) -> tuple[str, str] | None:
+    """Name and unit of `Name in unit`; None of any other label."""
+    found = _IN.fullmatch(f" {label}")
+    return (found[1].strip(), found[2]) if found and _is_unit(split_amplitude(found[2])[0]) else None
 
 
 def split_amplitude(unit: str) -> tuple[str, str]:
