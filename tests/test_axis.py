@@ -146,7 +146,7 @@ def test_remarks_beside_rows_are_no_settings(save):
 
 
 @pytest.mark.parametrize(
-    "head", ["in s,C1 in V,C2 in V", "Time,C1W1,C2W1\nin s,in V,in V", "Zeit in s,U1 in V,U2 in V"]
+    "head", ["in s,C1 in V,C2 in V", "Time,C1W1,C2W1\nin s,in V,in V", "Zeit in s,Kanal 1 in V,Kanal 2 in V"]
 )
 def test_a_unit_behind_in_is_one(save, head):
     """As Rohde & Schwarz, and Germans, write heads."""

@@ -124,6 +124,12 @@ def test_a_column_log_splits_the_file(save):
     assert second.time.tolist() == [0.0]  # time begins anew in each part
 
 
+@pytest.mark.parametrize("unit, first", [("°F", -155 / 9), ("°C", 1.0), ("K", -272.15)])
+def test_a_temperature_in_french_has_any_unit_of_its_kind(save, unit, first):
+    log = read_one(save(f"frequency_Hz,w_um,Température ({unit})\n1,1,1\n2,1,2\n"))
+    assert log.temperature[0] == pytest.approx(first)
+
+
 @pytest.mark.parametrize(
     ("header", "name", "values"),
     [
@@ -131,6 +137,8 @@ def test_a_column_log_splits_the_file(save):
         ("timestamp_ms,w_um", "time", [1e-3, 2e-3]),
         ("T [s],w_um", "time", [1.0, 2.0]),
         ("U (V) pp,w_um", "drive", [0.5, 1.0]),
+        ("Zeit in ms,w_um", "time", [1e-3, 2e-3]),
+        ("Fréquence [kHz],w_um", "frequency", [1000.0, 2000.0]),
     ],
 )
 def test_inputs_by_other_usual_names_are_read_and_noted(save, header, name, values):
@@ -486,7 +494,7 @@ def test_metadata_in_a_unit_of_the_wrong_kind_is_called_metadata(save, key):
         ("delay: 3 us", "delay_us"), ("delay = 3 us", "delay_us"), ("dealy_us: 3", "delay_us"), ("settle: 0.1", "settle_s"),
         ("temperature_std: 0.1", "temperature_std_degC"), ("temperature_std_K: 0.1", "temperature_std_degC"),
         ("volt_per_duty: 24", "volts_per_duty"), ("temperature: 24", "temperature_degC"), ("temperature: 297 K", "temperature_K"),
-        ("temperatur_degC: 24", "temperature_degC"),
+        ("temparature_degC: 24", "temperature_degC"),
         ("Temperatur: 24 °C", "temperature_degC"), ("T_degC: 24", "temperature_degC"), ("T: 24 degC", "temperature_degC"),
         ("temp = 24", "temperature_degC"), ("temperature degC: 24", "temperature_degC"),
         ("temperature_Hz = 24", "temperature_degC"), ("fource_N: 3", "force_N"),

@@ -244,8 +244,8 @@ def _unit(text: str) -> tuple[str, str]:
         unit = in_usual_letters(units.short(units.split_amplitude(found[1].strip())[0]))
         if is_unit(unit):
             return unit, f"{text[: found.start()]} {text[found.end() :]}"
-    if found := units.split_in(text):
-        return in_usual_letters(units.short(units.split_amplitude(found[1])[0])), found[0]
+    if apart := units.split_in(text):
+        return in_usual_letters(units.short(units.split_amplitude(apart[1])[0])), apart[0]
     bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
     for pattern, usual in _ENDINGS:
         found = re.search(pattern, bare)

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
+from sysid.columns.labels import INPUTS
 from sysid.columns.metadata import metadata_number, stated
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
@@ -17,10 +18,10 @@ STAMPED = {
     "date/time": "time",
     "zeitstempel": "time",
 }  # where the cells are dates
+# The words of other languages for what cannot be a response; a voltage can.
 SYNONYMS = {
-    "timestamp": "time", "freq": "frequency", "omega": "frequency", "\u03c9": "frequency",
-    "temp": "temperature",
-    "volt": "voltage", "volts": "voltage",
+    **{word: name for name in ("time", "frequency", "temperature", "force") for word in INPUTS[name] if word[1:]},
+    **dict.fromkeys(("volt", "volts"), "voltage"), "\u03c9": "frequency",
 }  # fmt: skip
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
@@ -38,7 +39,7 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
             unknown.remove(label)
             notes.append(f"column {label} is read as {quantity}")
     for key, value in head.metadata.items():
-        if quantity := _meant(key, SYNONYMS, sources):
+        if (quantity := _meant(key, SYNONYMS, sources)) in units.CONSTANTS:
             source = Source(
                 f"metadata {key!r}", "", constant=metadata_number(head, key, value), written=value
             )

@@ -179,8 +179,8 @@ def split_unit(label: str) -> tuple[str, str, str]:
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
         return name, found[2], (found[3] or stated).lower()
-    if found := split_in(label):
-        return *found, ""
+    if apart := split_in(label):
+        return *apart, ""
     if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
         return found[1], found[2], ""
     name, _, rest = label.partition("_")
