@@ -20,7 +20,12 @@ STAMPED = {
 }  # where the cells are dates
 # The words of other languages for what cannot be a response; a voltage can.
 SYNONYMS = {
-    **{word: name for name in ("time", "frequency", "temperature", "force") for word in INPUTS[name] if word[1:]},
+    **{
+        word: name
+        for name in ("time", "frequency", "temperature", "force")
+        for word in INPUTS[name]
+        if word[1:]
+    },
     **dict.fromkeys(("volt", "volts"), "voltage"), "\u03c9": "frequency",
 }  # fmt: skip
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
