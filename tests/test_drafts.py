@@ -116,9 +116,66 @@ def test_decibels_of_a_reference_are_decibels(save, head, above):
     text = above + table(head, F, *decibel(S))
     path = save(text.replace(",", "\t") if above else text)
     draft = refused(path).mapping
-    assert asked(draft) == ["amplitude", "quantity", "phase_sign"], draft
+    assert asked(draft) == ["phase_sign"], draft
     (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
+    np.testing.assert_allclose(log.response, S / (2 * np.pi * F), rtol=1e-11)
+    assert (log.response_unit, log.drive.tolist(), log.drive_unit) == ("m", [1.0] * len(F), "V")
+
+
+@pytest.mark.parametrize(
+    "head, unit, drive",
+    [
+        ("Real [ (m/s) / V ],Imaginary [ (m/s) / V ]", "m", "V"),
+        ("Re [um/s/mV],Im [um/s/mV]", "um", "mV"),
+        ("Real ((m/s)/N),Imag ((m/s)/N)", "m", "N"),
+    ],
+)
+def test_what_is_stated_by_its_drive_is_driven_by_one(save, head, unit, drive):
+    """As the response of H1: its G is by that drive, whatever drove it."""
+    path = save(table(f"Frequency [Hz],{head}", F, *re_im(S)))
+    draft = refused(path).mapping
+    assert asked(draft) == ["phase_sign"], draft
+    text = answered(draft)
+    for stated, mapping in ((1.0, text), (20.0, text.replace(f'"1 {drive}"', f'"20 {drive}"'))):
+        (log,) = read_logs(path, columns=save(mapping, "map.toml"))
+        np.testing.assert_allclose(log.response, stated * S / (2 * np.pi * F), rtol=1e-11)
+        assert (log.response_unit, log.drive_unit, log.drive[0]) == (unit, drive, stated)
+    (log,) = read_logs(path, columns=save(text.partition("[constants]")[0], "without.toml"))
+    assert (log.drive_unit, log.drive[0]) == (drive, 1.0)
+    other = {"V": "N", "mV": "N", "N": "V"}[drive]
+    wrong = text.replace(f'"1 {drive}"', f'"1 {other}"').replace("voltage =", "drive =")
+    refused(path, "expected", columns=save(wrong, "wrong.toml"))
+
+
+@pytest.mark.parametrize(
+    "level, quantity, unit, order",
+    [
+        ("Schnelle [dB(mm/s)]", "velocity", "mm", 1),
+        ("Level (dBµV)", "displacement", "µV", 0),
+        ("Mag dB re 1 nm", "displacement", "nm", 0),
+        ("Level [dBm]", "displacement", "mW^0.5", 0),
+        ("Accel. dB(m/s^2)", "acceleration", "m", 2),
+    ],
+)
+def test_decibels_of_a_unit_keep_it(save, level, quantity, unit, order):
+    path = save(table(f"Frequency [Hz];{level};Phase [°]", F, *decibel(S)))
+    text = answered(refused(path).mapping)
+    assert f'quantity = "{quantity}"' in text
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * S / (2j * np.pi * F) ** order, rtol=1e-10)
+    assert log.response_unit == unit
+
+
+def test_an_acceleration_is_divided_by_its_frequency_twice(save):
+    """x = X cos(omega t) has the acceleration -omega^2 x; its unit is that of the whole head."""
+    moves = -((2 * np.pi * F) ** 2) * S
+    path = save(table("frequency_Hz,X_m/s^2,Y_m/s^2", F, *re_im(moves)))
+    text = answered(refused(path).mapping)
+    assert 'quantity = "acceleration"' in text
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)
+    assert log.response_unit == "m"
+    assert parse("acceleration_m/s^2").unit == "m/s^2"
 
 
 def test_a_magnitude_below_zero_is_no_magnitude(save):

@@ -702,8 +702,8 @@ SAMPLES = [
     'kind = "waveform"  # it looks like raw samples of a carrier; of amplitudes "transient", with x and y, or w'
 ]
 KINDS = (
-    '  # what the signal shows: "displacement", "velocity", "charge", "current", "impedance"; of S11'
-    ' "reflection", of S21 "transmission"'
+    '  # what the signal shows: "displacement", "velocity", "acceleration", "charge", "current",'
+    ' "impedance"; of S11 "reflection", of S21 "transmission"'
 )
 
 

@@ -110,7 +110,7 @@ def test_magnitude_alone_is_an_amplitude(read):
     near(log, SIGNAL.real / OMEGA)
 
 
-@pytest.mark.parametrize(("unit", "result"), [("dB", "1"), ("dBm", "1"), ("dBV", "V")])
+@pytest.mark.parametrize(("unit", "result"), [("dB", "1"), ("dBm", "mW^0.5"), ("dBV", "V")])
 def test_decibels(read, unit, result):
     (log,) = read(
         f'amplitude = "peak"\n[columns]\ntime = "t_s"\nw = "P [{unit}]"', f"t_s,P [{unit}]\n0,-20\n1,6\n"
@@ -514,7 +514,7 @@ def test_membrane_ring_downs(number, rows, start, stop, tau):
     """The window of each file, and tau as a straight line through ln W gave it when the data were
     collected."""
     (log,) = real(f"ringdown_{number}", f"12*/measID_{number}_*")
-    assert (len(log), log.kind, log.drive, log.response_unit) == (rows, "transient", None, "1")
+    assert (len(log), log.kind, log.drive, log.response_unit) == (rows, "transient", None, "mW^0.5")
     assert log.relative_noise
     assert start <= log.time[0] <= log.time[-1] <= stop
     slope = np.polyfit(log.time, np.log(log.response), 1)[0]

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from sysid.columns.labels import GAINS, NOT_DATA, SCATTERING
-from sysid.columns.plan import ANGLES, is_decibel
+from sysid.columns.plan import ANGLES, per_drive
 from sysid.columns.preset import named, recognised
 from sysid.columns.roles import QUICK, lone_signal, plausible, roles, undecided, waveform
 from sysid.columns.survey import Columns, fits
 from sysid.tables import densities, units
 from sysid.tables.cells import is_number, listed, to_number
 from sysid.tables.csvfile import Head
+from sysid.tables.densities import is_decibel
 
 PERIODS = ("ts", "dt", "tinterval", "sample_time", "sampletime")  # what the time from row to row is called
 SPLITS = (
@@ -28,10 +29,13 @@ SPLITS = (
     "block",
     "experiment",
 )  # of columns that number experiments
-KINDS = {"displacement": "m", "velocity": "m/s", "charge": "C", "current": "A", "impedance": "ohm"}
+KINDS = {
+    "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "charge": "C", "current": "A",
+    "impedance": "ohm",
+}  # fmt: skip
 # What a carrier's amplitude is stated in; a signal of another unit, as of a speed or a temperature, is no
 # amplitude.
-VIBRATIONS = (*KINDS.values(), "S", "V", "N", "m/s^2", "1", "Pa")
+VIBRATIONS = (*KINDS.values(), "S", "V", "N", "1", "Pa")
 _CIRCUIT = {"cp", "cs", "lp", "ls", "d", "q", "tan"}  # what analysers show besides, which is no impedance
 
 _OF_A_CIRCUIT = (
@@ -111,7 +115,7 @@ class _Draft:
         tells."""
         if "amplitude" in self.known:
             return f"amplitude = {_quote(self.known['amplitude'])}  # as {self.instrument} states both"
-        if self._words() & GAINS and not self.found.keys() & {*units.DRIVES}:
+        if self._by() or (self._words() & GAINS and not self.found.keys() & {*units.DRIVES}):
             return 'amplitude = "peak"  # of a ratio, which states none'
         response = next((self.found[name] for name in ("w", "magnitude") if name in self.found), None)
         if response is not None and densities.ROOT_HERTZ in _root(self.columns.unit(response)):
@@ -132,6 +136,12 @@ class _Draft:
         if told and all(told):
             return "# amplitude: as the columns say"
         return 'amplitude = "?"  # how drive and response are stated: "peak", "rms" or "pp"'
+
+    def _by(self) -> str:
+        """The unit of the drive by which the response is stated, V of m/s/V; "" where it is by none."""
+        places = [self.found[name] for name in ("x", "y", "magnitude") if name in self.found]
+        of = next(filter(None, (per_drive(densities.shown(self.columns.unit(k))) for k in places)), None)
+        return of[1] if of else ""
 
     def of_ratio(self) -> list[str]:
         """What is to be said of an impedance, or an admittance: they state no amplitude, and analysers agree
@@ -232,6 +242,9 @@ class _Draft:
         )
         live = [f"{name} = {_quote(value)}" for name, value in stated.items()]
         live += ['voltage = "1 V"  # as an admittance is the current per volt'] if self.ratio == "S" else []
+        if not driven and (unit := self._by()):
+            name, driven = ("voltage" if fits("voltage", unit) else "drive"), True
+            live += [f'{name} = "1 {unit}"  # as the response is stated by {unit}']
         spare = [] if driven or self.ratio else ['# voltage = "1 V"']
         spare += [] if "temperature" in {*self.found, *stated} else ['# temperature = "20 degC"']
         lines = [*(["[constants]", *live] if live else ["# [constants]"]), *spare]
@@ -293,7 +306,7 @@ class _Draft:
             return "s", ""
         if unit and (fits(name, unit) or (name == "w" and unit in ANGLES)):
             power = densities.amplitude_of(unit)
-            return unit, "  # a power density: its root is read" if power else ""
+            return densities.written(unit), "  # a power density: its root is read" if power else ""
         if unit:
             return "?", ""
         if self.ratio and name in ("x", "y", "magnitude"):
@@ -313,15 +326,15 @@ class _Draft:
     def _quantity(self, index: int | None) -> str:
         """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's
         volts."""
-        unit = densities.shown(self.columns.unit(index)) if index is not None else ""
+        unit = self.columns.shows(index) if index is not None else ""
         words = self.columns.labels[index].words if index is not None else ()
         called = next((kind for kind in KINDS if kind in words), "?")
         quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
         known = self.known.get("quantity", "?")  # of no ratio: its columns are none of an impedance
         quantity = known if quantity == "?" and known != "impedance" else quantity
         return (
-            f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity", "charge",'
-            f' "current", "impedance"; of S11 "reflection", of S21 "transmission"'
+            f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity",'
+            f' "acceleration", "charge", "current", "impedance"; of S11 "reflection", of S21 "transmission"'
         )
 
 

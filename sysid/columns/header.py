@@ -15,7 +15,7 @@ from sysid.columns.labels import INPUTS as CALLED
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
-from sysid.columns.plan import ERRORS, Plan, Source, is_absent, is_decibel
+from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
     LETTERS,
@@ -31,7 +31,7 @@ from sysid.columns.unknown import drafted, not_understood
 from sysid.tables import units
 from sysid.tables.cells import SHOWN, amount, listed, to_number
 from sysid.tables.csvfile import Head, LogError
-from sysid.tables.densities import amplitude_of
+from sysid.tables.densities import amplitude_of, is_decibel
 from sysid.tables.stamps import EXAMPLE, is_local
 
 INPUTS = ("time", "frequency", "temperature", "force")

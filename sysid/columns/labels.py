@@ -9,8 +9,9 @@ import re
 from dataclasses import dataclass
 
 from sysid.columns.mapping import split_ending
-from sysid.columns.plan import ANGLES, is_decibel
+from sysid.columns.plan import ANGLES
 from sysid.tables import densities, units
+from sysid.tables.densities import is_decibel
 
 INPUTS: dict[str, tuple[str, ...]] = {
     "time": (
@@ -244,9 +245,14 @@ def _unit(text: str) -> tuple[str, str]:
         unit = in_usual_letters(units.short(units.split_amplitude(found[1].strip())[0]))
         if is_unit(unit):
             return unit, f"{text[: found.start()]} {text[found.end() :]}"
+    if level := densities.level_at_end(text):
+        return level[1], level[0]
     if apart := units.split_in(text):
         return in_usual_letters(units.short(units.split_amplitude(apart[1])[0])), apart[0]
     bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
+    name, _, last = bare.rpartition("_")
+    if name and "/" in last and is_unit(last):  # acceleration_m/s^2, all of it
+        return last, name
     for pattern, usual in _ENDINGS:
         found = re.search(pattern, bare)
         unit = in_usual_letters(units.short(found[1])) if found and found.start() else ""

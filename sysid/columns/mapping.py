@@ -4,9 +4,9 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     sampling = "settled"                # or "instant"; only for transient logs
     amplitude = "rms"                   # how the file states drive and response: "peak", "rms" or "pp" (peak
                                         # to peak)
-    quantity = "velocity"               # or "displacement", "charge", "current", "impedance": what x and y
-                                        # (or magnitude) show; of a network analyser "reflection" (S11) or
-                                        # "transmission" (S21)
+    quantity = "velocity"               # or "displacement", "acceleration", "charge", "current", "impedance":
+                                        # what x and y (or magnitude) show; of a network analyser
+                                        # "reflection" (S11) or "transmission" (S21)
     phase_sign = -1                     # -1 when the instrument's phase rises where e^{+j omega t} has it
                                         # fall; else 1
     phase_offset_deg = 90.0             # added to the phase, after the sign
@@ -55,8 +55,9 @@ response wd with wq, or w, or x with y (a lock-in's in-phase and quadrature part
 with phase; of raw carrier samples (`kind = "waveform"`) response, with voltage or drive. Standard errors of
 the response are `std`, or `std` of d and `std_q` of q, in the response's unit, in dB of one in dB, or in % of
 it (`logs.stated`). Rows may be told for each value of the split column: `rows = {"0" = [100, 380], "1" = [90,
-380]}`. The unit of magnitude or w may be dB, dBm or dBV: 10^(dB/20) relative to 0 dB; or that of a
-spectral density, V/sqrt(Hz), or V^2/Hz, whose root is taken. A time may be a column of dates (ISO 8601), and
+380]}`. The unit of magnitude or w may be dB, dBV, dBm (of a power, whose root is taken) or dB(mm/s), of any
+unit: 10^(dB/20) in the unit of 0 dB; or that of a spectral density, V/sqrt(Hz), or V^2/Hz, whose root is
+taken. A time may be a column of dates (ISO 8601), and
 needs no unit then. Where the header stands again among the rows, `rows` are counted in each table.
 
 A file without [columns] says the rest of logs whose columns have the contract's names: `phase_sign = -1`
@@ -65,10 +66,11 @@ names do not say it.
 
 A signal s = x + jy = magnitude e^{j phase}, measured against a drive cos(omega t) with e^{+j omega t}, gives
 Wd + jWq = j s when it is a displacement or charge, s / omega when it is a velocity or current (its unit times
-s; of a current in A it is a charge in C). An impedance Z = x + jy (R and X), or magnitude e^{j phase}, in
-ohm, is read as the current 1/Z that 1 V drives, peak for peak and with the phase of e^{+j omega t}: it wants
-neither a drive nor `amplitude`. (Its own peak is the antiresonance, and no response.) An admittance is a
-current of so many S: that which the log's voltage drives, or 1 V where none is stated. A reflection or
+s; of a current in A it is a charge in C), -j s / omega^2 when it is an acceleration. An impedance Z = x + jy
+(R and X), or magnitude e^{j phase}, in ohm, is read as the current 1/Z that 1 V drives, peak for peak and
+with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own peak is the
+antiresonance, and no response.) An admittance is a current of so many S: that which the log's voltage drives,
+or 1 V where none is stated; so is any signal that is stated by its drive, in m/s/V or um/N. A reflection or
 transmission, in dB or linear, is read as the admittance that it means (`logs.scattered`), behind
 `reference_ohm` of the metadata, or 50 ohm, with the plate where `device` says: "one port" of a reflection,
 "in series" or "across the line" of a transmission; it too wants neither a drive nor `amplitude`. Of wd and wq
@@ -83,11 +85,11 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.plan import ANGLES, Plan, Source, drive_as, is_absent, is_decibel
+from sysid.columns.plan import ANGLES, Plan, Source, drive_as, is_absent, per_drive
 from sysid.tables import units
 from sysid.tables.cells import Dialect, listed, to_number
 from sysid.tables.csvfile import Head, LogError
-from sysid.tables.densities import plain
+from sysid.tables.densities import is_decibel, plain, reference
 from sysid.tables.scattered import RATIOS, SCATTERED, placed
 from sysid.tables.stamps import is_long
 
@@ -98,7 +100,7 @@ WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
     "sampling": ("instant", "settled"),
     "amplitude": ("peak", "rms", "pp"),
-    "quantity": ("displacement", "velocity", "charge", "current", "impedance", *SCATTERED),
+    "quantity": ("displacement", "velocity", "charge", "acceleration", "current", "impedance", *SCATTERED),
     "phase_sign": (1, -1),
     "decimal": (".", ","),
 }
@@ -155,10 +157,7 @@ class MappingFile:
         } | self._constants()
         quantity, metadata = self.options.get("quantity"), self.metadata(head)
         assumed: tuple[str, ...] = ()
-        if quantity in RATIOS:
-            sources = self._of_one_volt(sources)
-        elif quantity == "current":
-            sources = self._of_its_volts(sources)
+        sources = self._of_one_volt(sources) if quantity in RATIOS else self._of_its_drive(sources)
         if quantity in SCATTERED:
             place, assumed = placed(head.path, quantity, metadata)
             metadata = metadata | place
@@ -191,22 +190,26 @@ class MappingFile:
             )
         return sources | {"voltage": volt}
 
-    def _of_its_volts(self, sources: dict[str, Source]) -> dict[str, Source]:
-        """The sources of a current, those of an admittance with a drive of 1 V where they have none; one that
-        is no voltage: LogError."""
+    def _of_its_drive(self, sources: dict[str, Source]) -> dict[str, Source]:
+        """The sources of a signal, those of one that is stated by its drive (an admittance, m/s per V) with a
+        drive of 1 where they have none; one of another kind: LogError."""
         shown = [name for name in ("x", "y", "magnitude") if name in sources]
-        if not any(units.is_of(sources[name].unit, "S") for name in shown):
+        of = next(filter(None, (per_drive(reference(sources[name].unit)) for name in shown)), None)
+        if of is None:
             return sources
+        what = "an admittance" if of == ("A", "V") else f"{of[0]} by {of[1]}"
         for name in shown:
             if (stated := sources[name].amplitude) != "peak":
-                said = f"found amplitude {stated!r} of an admittance, expected none: it is a ratio"
+                said = f"found amplitude {stated!r} of {what}, expected none: it is a ratio"
                 raise self.fail(f"[columns] {name}", said)
         drives = [sources[name] for name in units.DRIVES if name in sources]
         for drive in drives:
-            if not units.same_kind(drive.unit, "V"):
-                said = f"found {drive.label} in {drive.unit} beside an admittance"
-                raise self.fail("quantity", f"{said}, expected a voltage, or no drive")
-        return sources if drives else sources | {"voltage": Source("[constants] voltage", "V", constant=1.0)}
+            if not units.same_kind(drive.unit, of[1]):
+                said = f"found {drive.label} in {drive.unit} beside {what}"
+                expected = "a voltage" if of[1] == "V" else f"one in {of[1]}"
+                raise self.fail("quantity", f"{said}, expected {expected}, or no drive")
+        key = "voltage" if units.same_kind(of[1], "V") else "drive"
+        return sources if drives else sources | {key: Source(f"[constants] {key}", of[1], constant=1.0)}
 
     def beside(self, plan: Plan, head: Head) -> Plan:
         """The `plan` of a file by its own names, with all that is said here: a mapping file without

@@ -1,6 +1,7 @@
 """What is read from a file: a source for each quantity, and the plan of all."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -45,9 +46,14 @@ class Plan:
     warnings: tuple[str, ...] = ()
 
 
-def is_decibel(unit: str) -> bool:
-    """Whether a column in this unit is 20 log10 of an amplitude."""
-    return unit in ("dB", "dBm", "dBV")
+def per_drive(unit: str) -> tuple[str, str] | None:
+    """The units of the signal and of the drive where one is stated by the other: um and V of um/V, A and V of
+    S; None of any other unit."""
+    signal, _, drive = unit.rpartition("/")
+    if re.fullmatch(r"[pnuµmkM]?[VNA]", drive) and units.is_known(signal) and not units.is_of(unit, "ohm"):
+        return signal, drive
+    named = re.search(r"S|siemens|mho|ohm", unit)  # only of these the library is asked, which takes its time
+    return ("A", "V") if named and units.is_of(unit, "S") else None
 
 
 def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from sysid.columns.labels import INPUTS, NOT_DATA, Label
-from sysid.columns.plan import is_decibel
 from sysid.columns.survey import LEVELS, Columns, fits, is_hertz
 from sysid.tables import units
+from sysid.tables.densities import is_decibel
 
 QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
 TURN = 360.0  # degrees, beyond which a principal angle does not go
@@ -92,8 +92,8 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
         if one is None:
             return found
         found["w"] = one
-    unit = columns.unit(found["w"])
-    derivative = any(unit and units.same_kind(unit, kind) for kind in ("m/s", "A"))
+    unit = columns.shows(found["w"])
+    derivative = any(unit and units.same_kind(unit, kind) for kind in ("m/s", "m/s^2", "A"))
     if "frequency" in found and not columns.is_signed(found["w"]) and ("w" not in guessed or derivative):
         found["magnitude"] = found.pop("w")
         phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]

@@ -4,11 +4,14 @@ import re
 
 import numpy as np
 
-from sysid.columns.plan import ANGLES, Plan, Source, is_decibel
+from sysid.columns.plan import ANGLES, Plan, Source, per_drive
 from sysid.tables import units
 from sysid.tables.csvfile import LogError
-from sysid.tables.densities import amplitude_of
+from sysid.tables.densities import amplitude_of, is_decibel, reference
 from sysid.tables.scattered import RATIOS, SCATTERED, admittance
+
+# How often what a signal shows is the time derivative of what moves, each of which is a factor j omega.
+ORDERS = {"displacement": 0, "charge": 0, "velocity": 1, "current": 1, "acceleration": 2}
 
 
 def lock_in(
@@ -23,8 +26,6 @@ def lock_in(
     says. `drive`: its values (n,) and their unit."""
     complete = np.iscomplexobj(signal)
     signal = turned(signal, plan) if complete else signal
-    if plan.quantity in ("displacement", "charge"):
-        return (1j * signal if complete else signal), unit
     if plan.quantity == "impedance":
         signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
     elif plan.quantity in SCATTERED:
@@ -32,25 +33,31 @@ def lock_in(
             said = f"found the magnitude alone of a {plan.quantity}, expected its phase or both parts"
             raise LogError(f"{where}: {said}")
         signal, unit = admittance(units.convert(signal, unit, "1"), plan.metadata, where), "S"
-    if frequency is None:
+    signal, unit = driven(signal, unit, drive)
+    order = ORDERS.get(plan.quantity, 1)
+    if order and frequency is None:
         what = "the current through an impedance" if plan.quantity == "impedance" else f"a {plan.quantity}"
         raise LogError(f"{where}: found no frequency, expected one: {what} is divided by omega")
-    signal, unit = ampere(signal, unit, drive)
-    return signal / (2 * np.pi * frequency), _time_integral(unit)
+    for _ in range(order):
+        signal, unit = signal / (2 * np.pi * frequency), _time_integral(unit)
+    return (signal * 1j * (-1j) ** order if complete else signal), unit
 
 
-def ampere(signal: np.ndarray, unit: str, drive: tuple[np.ndarray | None, str]) -> tuple[np.ndarray, str]:
-    """The current (A) of an admittance under its voltage; any other signal as it is."""
-    volts, its = drive
-    if volts is None or not units.is_of(unit, "S"):
+def driven(signal: np.ndarray, unit: str, drive: tuple[np.ndarray | None, str]) -> tuple[np.ndarray, str]:
+    """A signal that is stated by its drive, as it is under that: the current (A) of an admittance under its
+    voltage, m/s of m/s/V; any other as it is."""
+    values, its = drive
+    if values is None or (of := per_drive(unit)) is None:
         return signal, unit
-    return units.convert(signal, unit, "S") * units.convert(volts, its, "V"), "A"
+    signal = units.convert(signal, unit, "S") if of == ("A", "V") else signal
+    return signal * units.convert(values, its, of[1]), of[0]
 
 
 def _time_integral(unit: str) -> str:
-    """The unit of the time integral of a signal: C of A, m of m/s."""
+    """The unit of the time integral of a signal: C of A, m of m/s, m/s of m/s^2."""
     if current := re.fullmatch(r"([fpnumk]?)A", unit):
         return f"{current[1]}C"
+    unit = re.sub(r"/s(\^2|\*\*2|²|2)", "/s/s", unit)
     return unit.removesuffix("/s") if unit.endswith("/s") else "s" if unit == "1" else f"{unit}*s"
 
 
@@ -87,7 +94,7 @@ def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
         values = values * source.scale + source.offset
     unit = source.unit
     if is_decibel(unit):
-        values, unit = 10.0 ** (values / 20), "V" if unit == "dBV" else "1"
+        values, unit = 10.0 ** (values / 20), reference(unit)
     if power := amplitude_of(unit):
         values, unit = np.sign(values) * np.sqrt(np.abs(values)), power
     if unit in ANGLES and ANGLES[unit] != 1.0:

@@ -8,10 +8,11 @@ from statistics import median
 import numpy as np
 
 from sysid.columns.labels import RATIOS, Label, parse
-from sysid.columns.plan import ANGLES, is_decibel
+from sysid.columns.plan import ANGLES, per_drive
 from sysid.tables import units
 from sysid.tables.cells import to_number
 from sysid.tables.csvfile import Head
+from sysid.tables.densities import is_decibel, shown
 
 LEVELS = 3  # of a drive that is stepped, at most
 
@@ -77,6 +78,11 @@ class Columns:
 
     def unit(self, column: int) -> str:
         return self.labels[column].unit
+
+    def shows(self, column: int) -> str:
+        """The unit of the signal that it shows: without its level, its density, or its drive."""
+        unit = shown(self.unit(column))
+        return (per_drive(unit) or (unit, ""))[0]
 
     def is_signed(self, column: int) -> bool:
         found = self.numbers(column)

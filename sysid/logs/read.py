@@ -12,7 +12,7 @@ from sysid.columns.header import INPUTS, counted, planned, table_plan
 from sysid.columns.mapfile import load_mapping
 from sysid.columns.mapping import MappingFile, select_rows
 from sysid.columns.metadata import metadata_number, stated
-from sysid.columns.plan import ERRORS, Plan, Source, is_decibel
+from sysid.columns.plan import ERRORS, Plan, Source
 from sysid.columns.signal import decode, is_analysed, lock_in, turned
 from sysid.columns.unknown import not_understood
 from sysid.demodulation.waveform import from_samples, sample_times, uneven
@@ -31,7 +31,7 @@ from sysid.tables import units
 from sysid.tables.cells import decimals, listed
 from sysid.tables.csvbody import Body, read_body
 from sysid.tables.csvfile import Head, LogError, called
-from sysid.tables.densities import amplitude_of
+from sysid.tables.densities import amplitude_of, is_decibel
 
 logger = logging.getLogger(__name__)
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.

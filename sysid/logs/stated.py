@@ -7,13 +7,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sysid.columns.plan import ERRORS, Plan, Source, is_decibel
-from sysid.columns.signal import ampere
+from sysid.columns.plan import ERRORS, Plan, Source
+from sysid.columns.signal import ORDERS, driven
 from sysid.logs.missing import refuse_row
 from sysid.tables import units
 from sysid.tables.csvbody import Body
 from sysid.tables.csvfile import Head, LogError
-from sysid.tables.densities import amplitude_of
+from sysid.tables.densities import amplitude_of, is_decibel
 from sysid.tables.scattered import SCATTERED
 
 NEPER = math.log(10) / 20  # of a decibel
@@ -98,11 +98,11 @@ def _slope(
     drive: tuple[np.ndarray | None, str],
 ) -> np.ndarray | float:
     """By how much the response moves per unit of the signal that shows it (`signal.lock_in`)."""
-    if plan.quantity in ("displacement", "charge"):
-        return 1.0
-    omega = 2 * np.pi * frequency
     if plan.quantity != "impedance":
-        return ampere(np.ones_like(size), unit, drive)[0] / omega
+        factor = driven(np.ones_like(size), unit, drive)[0]
+        order = ORDERS[plan.quantity]
+        return factor if not order else factor / (2 * np.pi * frequency) ** order
+    omega = 2 * np.pi * frequency
     return units.convert(1.0, unit, "ohm") / (units.convert(size, unit, "ohm") ** 2 * omega)
 
 

@@ -20,29 +20,73 @@ _RMS = re.compile(r"(?<=[A-Za-z])_?rms((?:\^?2)?\s*/\s*Hz(?:\^0\.5)?)", re.I)  #
 _LEVEL = re.compile(r"(dBm?)V?\s*/\s*Hz(?:\^0\.5)?")  # of a level per hertz the ratios are those of the level
 # dB(m/s/V), dB re 1 V: what 0 dB is, of which only ratios are read
 _UNIT = r"[fpnuµmkMG]?(?:V|A|W|N|Pa|C|S|m|g|ohm|Ω)(?:\s*[/*·^²]\s*[^\s()\[\]]+)*"
+_RE = rf"(?:re\b:?\s*)?(?:1(?:\.0*)?\s*)?(?P<{{}}>{_UNIT})"
 _REFERENCE = re.compile(
-    rf"(?<![A-Za-z])dB\s*(?:[(\[]\s*(?:re\b:?[^()\[\]]*|(?:1\s*)?{_UNIT})\s*[)\]]|re\b:?[^()\[\]]*)"
+    rf"(?<![A-Za-z])dB\s*(?:[(\[]\s*(?:{_RE.format('a')}|re\b:?[^()\[\]]*)\s*[)\]]"
+    rf"|re\b:?\s*(?:1(?:\.0*)?\s*)?(?P<b>{_UNIT})|re\b:?[^()\[\]]*)"
 )
+_VOLTS = re.compile(r"(?<![A-Za-z])dB([muµ]V)(?![A-Za-z])")
+_QUOTIENTS = re.compile(r"\(\s*([^\s()/]+\s*/\s*[^\s()/]+)\s*\)\s*/\s*([A-Za-zµ]+)")  # (m/s) / V
+LEVEL = "dB:"  # and the unit of 0 dB, without a bracket, so that it may stand in one
+_ROOTS = {"dBm": "mW^0.5", "dB:mW": "mW^0.5", "dB:W": "W^0.5"}  # of a power
 _POWER = re.compile(r"([^\s/]+)\^2(?:/([^\s/^]+)\^([24]))?/Hz")
 
 
 def plain(text: str) -> str:
-    """A head, or a unit, with its density written in one way that the library of units knows, and without
-    the reference of its decibels.
+    """A head, or a unit, with its density, and the reference of its decibels, written in one way that the
+    library of units knows.
 
     >>> plain("ASD [pm/√Hz]"), plain("(m/s)²/Hz"), plain("Vrms2/Hz"), plain("PSD (dBm/Hz)")
     ('ASD [pm/Hz^0.5]', 'm^2/s^2/Hz', 'V^2/Hz rms', 'PSD (dBm)')
-    >>> plain("Magnitude [dB(m/s/V)]"), plain("Mag dB re 1 mm/s"), plain("dB (S21)")
-    ('Magnitude [dB]', 'Mag dB', 'dB (S21)')
+    >>> plain("Magnitude [dB(m/s/V)]"), plain("Mag dB re 1 mm/s"), plain("dB (S21)"), plain("dB re 3 V")
+    ('Magnitude [dB:m/s/V]', 'Mag dB:mm/s', 'dB (S21)', 'dB')
+    >>> plain("Real [ (m/s) / V ]")
+    'Real [ m/s/V ]'
     """
+    text = _QUOTIENTS.sub(lambda found: f"{found[1]}/{found[2]}".replace(" ", ""), text)
     if "dB" in text:
-        text = _REFERENCE.sub("dB", text)
+        text = _VOLTS.sub(rf"{LEVEL}\1", _REFERENCE.sub(_referred, text))
     if "hz" not in text.casefold():
         return text
     text = text.replace("²", "^2").replace("**", "^")
     text = _NEGATIVE.sub(f"/{ROOT_HERTZ}", _ROOT.sub(f"/{ROOT_HERTZ}", text))
     text = _DIGIT.sub(r"\1^2", _RMS.sub(r"\1 rms", text))
     return _LEVEL.sub(r"\1", _QUOTIENT.sub(r"\1^2/\2^2", text))
+
+
+def _referred(found: re.Match[str]) -> str:
+    """Decibels with their reference, those of another reference than one of a unit without any; dB(A) is a
+    level of sound."""
+    unit = re.sub(r"\s+", "", found["a"] or found["b"] or "").replace("·", "*")
+    return f"{LEVEL}{unit}" if unit not in ("", "A") else "dB"
+
+
+def reference(unit: str) -> str:
+    """The unit of what is 1 at 0 dB: of decibels of a power its root; of any other unit it itself.
+
+    >>> reference("dB"), reference("dBV"), reference("dB:mm/s"), reference("dBm"), reference("dB:V^2/Hz")
+    ('1', 'V', 'mm/s', 'mW^0.5', 'V/Hz^0.5')
+    """
+    if unit in _ROOTS:
+        return _ROOTS[unit]
+    of = unit.removeprefix(LEVEL) if unit.startswith(LEVEL) else {"dB": "1", "dBV": "V"}.get(unit, unit)
+    return amplitude_of(of) or of
+
+
+def is_decibel(unit: str) -> bool:
+    """Whether a column in this unit is 20 log10 of an amplitude."""
+    return unit in ("dB", "dBm", "dBV") or unit.startswith(LEVEL)
+
+
+def written(unit: str) -> str:
+    """A unit as people write it: dB(mm/s)."""
+    return f"dB({unit.removeprefix(LEVEL)})" if unit.startswith(LEVEL) else unit
+
+
+def level_at_end(label: str) -> tuple[str, str] | None:
+    """A head without brackets, and the decibels of a reference at its end; None of any other."""
+    found = re.fullmatch(rf"(.*?)[\s_]*({LEVEL}[^\s()\[\]]+)", label)
+    return (found[1], found[2]) if found else None
 
 
 def amplitude_of(unit: str) -> str | None:
@@ -60,6 +104,7 @@ def amplitude_of(unit: str) -> str | None:
 
 
 def shown(unit: str) -> str:
-    """The unit of the signal whose density is in `unit`: m of m^2/Hz and of m/Hz^0.5; of any other unit it
-    itself."""
+    """The unit of the signal whose density, or level, is in `unit`: m of m^2/Hz, of m/Hz^0.5 and of dB(m); of
+    any other unit it itself."""
+    unit = reference(unit)
     return (amplitude_of(unit) or unit).removesuffix(f"/{ROOT_HERTZ}")

@@ -13,7 +13,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from sysid.tables.densities import plain
+from sysid.tables.densities import level_at_end, plain
 
 INTERNAL = {
     "time": "s",
@@ -179,7 +179,7 @@ def split_unit(label: str) -> tuple[str, str, str]:
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
         return name, found[2], (found[3] or stated).lower()
-    if apart := split_in(label):
+    if apart := level_at_end(label) or split_in(label):
         return *apart, ""
     if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
         return found[1], found[2], ""
@@ -231,7 +231,7 @@ def check_unit(quantity: str, unit: str) -> None:
     expected = f"expected a unit of {quantity} such as {', '.join(usual[:4])}"
     if not unit:
         raise ValueError(f"found no unit, {expected}, as in {quantity}_{usual[0]}")
-    if re.fullmatch(r"dB\w*", unit):
+    if re.fullmatch(r"dB\w*|dB:.*", unit):
         raise ValueError(f"found decibels ({unit}), {expected}; decibels are read through a mapping file")
     if (
         len(unit) > 1 and unit[0] == "M" and (milli := nearest(unit, usual, 1.0))
@@ -244,7 +244,9 @@ def check_unit(quantity: str, unit: str) -> None:
 
 def is_known(unit: str) -> bool:
     """Whether a text is a unit, of whatever kind."""
-    return unit in _PLAIN or _parse(unit) is not None or re.fullmatch(r"dB\w{0,2}|deg|°", unit) is not None
+    return (
+        unit in _PLAIN or _parse(unit) is not None or re.fullmatch(r"dB\w{0,2}|dB:.*|deg|°", unit) is not None
+    )
 
 
 def _is_unit(text: str) -> bool:
