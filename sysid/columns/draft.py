@@ -2,7 +2,6 @@
 commented out."""
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from sysid.columns.labels import GAINS, NOT_DATA, SCATTERING
 from sysid.columns.plan import ANGLES, per_drive
 from sysid.columns.preset import named, recognised
-from sysid.columns.roles import QUICK, lone_signal, plausible, roles, undecided, waveform
+from sysid.columns.roles import channels, lone_signal, plausible, roles, undecided, waveform
 from sysid.columns.survey import Columns, fits
 from sysid.tables import densities, units
 from sysid.tables.cells import is_number, listed, to_number
@@ -50,7 +49,7 @@ def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
     columns = Columns(head)
     guessed = roles(columns)
     samples = waveform(columns, guessed)
-    files = {} if samples else _files(head, columns, guessed)
+    files = {} if samples else channels(columns, guessed)
     samples = samples or (
         {"time": guessed["time"], "drive": files["of"], "response": files["of"]} if files else {}
     )
@@ -348,27 +347,6 @@ def _is_ratio(columns: Columns, found: Mapping[str, int], ratio: str) -> bool:
     it."""
     unit = next(columns.unit(found[name]) for name in ("x", "y", "magnitude") if name in found)
     return bool(ratio) and (not unit or (not is_decibel(unit) and units.same_kind(unit, ratio)))
-
-
-def _files(head: Head, columns: Columns, guessed: Mapping[str, int]) -> dict[str, Any]:
-    """Of one channel of an oscilloscope whose others are in files of their own, by the name of this one:
-    patterns of the files of the drive and of the response, and the column `of` the samples in each. Empty of
-    any other file."""
-    named = re.fullmatch(
-        r"(.*?)(ch|chan|channel|c)([-_ ]?)([1-8])(?!\d)(.*?)(\.\w+)?", head.name, re.IGNORECASE
-    )
-    others = [k for k in range(len(head.names)) if k != guessed.get("time") and columns.holds_data(k)]
-    if (
-        named is None
-        or "time" not in guessed
-        or len(others) != 1
-        or not 0 < columns.step(guessed["time"]) < QUICK
-    ):
-        return {}
-    before, word, mark, number, behind, ending = named.groups(default="")
-    pair = ("1", "2" if number == "1" else number)
-    patterns = [f"{'*' if before else ''}{word}{mark}{k}{'*' if behind else ''}{ending}" for k in pair]
-    return {"of": others[0], "drive": patterns[0], "response": patterns[1]}
 
 
 def _known(head: Head) -> tuple[str, Mapping[str, str]]:

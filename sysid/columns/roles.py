@@ -1,7 +1,9 @@
 """Which column of another instrument's file is probably which: by its head, its unit, the columns beside it
 and its numbers."""
 
+import re
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -75,6 +77,28 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     response = guessed.get("w", next(index for index in others if index != drive))
     response = response if response != drive else next(index for index in others if index != drive)
     return ({} if time is None else {"time": time}) | {"drive": drive, "response": response}
+
+
+def channels(columns: Columns, guessed: Mapping[str, int]) -> dict[str, Any]:
+    """Of one channel of an oscilloscope whose others are in files of their own, by the name of this one:
+    patterns of the files of the drive and of the response, and the column `of` the samples in each. Empty of
+    any other file."""
+    head = columns.head
+    named = re.fullmatch(
+        r"(.*?)(ch|chan|channel|c)([-_ ]?)([1-8])(?!\d)(.*?)(\.\w+)?", head.name, re.IGNORECASE
+    )
+    others = [k for k in range(len(head.names)) if k != guessed.get("time") and columns.holds_data(k)]
+    if (
+        named is None
+        or "time" not in guessed
+        or len(others) != 1
+        or not 0 < columns.step(guessed["time"]) < QUICK
+    ):
+        return {}
+    before, word, mark, number, behind, ending = named.groups(default="")
+    pair = ("1", "2" if number == "1" else number)
+    patterns = [f"{'*' if before else ''}{word}{mark}{k}{'*' if behind else ''}{ending}" for k in pair]
+    return {"of": others[0], "drive": patterns[0], "response": patterns[1]}
 
 
 def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
