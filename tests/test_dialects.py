@@ -335,7 +335,28 @@ def test_another_table_below_is_named(save):
 def test_comments_below_the_last_row_are_left_out_and_noted(save):
     (log,) = read_logs(save(HEADER + ROWS + "\n# end of measurement\n# 24 points\n"))
     check_step(log)
-    assert "below the last row, left out: # end of measurement, # 24 points" in log.notes
+    assert (
+        "lines 27, 28: comments among or below the rows, left out: # end of measurement, # 24 points"
+        in log.notes
+    )
+
+
+@pytest.mark.parametrize("mark", "#%")
+@pytest.mark.parametrize("block", [64, 1 << 24])
+def test_comments_among_the_rows_are_left_out_and_noted(save, monkeypatch, mark, block):
+    """As a note that the operator typed; lines are counted with them, and what holds of rows is refused."""
+    monkeypatch.setattr(csvbody, "BLOCK", block)
+    rows = ROWS.splitlines(keepends=True)
+    above = "% of a lock-in\n" if mark == "%" else ""
+    remark = f"{mark} paused, for 10,5 min\r\n"
+    text = above + HEADER + "".join([*rows[:7], remark, *rows[7:12], remark, *rows[12:]])
+    (log,) = read_logs(save(text))
+    check_step(log)
+    first = 9 + bool(above)
+    assert f"lines {first}, {first + 6}: comments among or below the rows, left out" in " ".join(log.notes)
+    refused(save(text + "x" + rows[-1]), f"line {len(text.splitlines()) + 1}")
+    stated = text.replace("paused, for", "temperature_degC: 31")
+    refused(save(stated), f"line {first}", "metadata 'temperature_degC' among the rows")
 
 
 # Comment marks, numbers, encodings

@@ -374,6 +374,31 @@ def test_a_file_without_a_header_is_told_by_its_numbers(save, columns, names):
     assert [given[name] for name in names] == [{"column": k, "unit": "?"} for k in range(len(names))]
 
 
+@pytest.mark.parametrize(
+    "text, lost",
+    [
+        ("a,b,c\n" + "1,red,x\n2,green,y\n" * 3, "the response or a time or frequency"),
+        ("f_Hz,name\n" + "1,red\n2,green\n" * 3, "the response"),
+        ("X [V],Y [V]\n" + "1,2\n2,3\n" * 3, "a time or frequency"),
+    ],
+)
+def test_a_draft_says_what_it_lacks(save, text, lost):
+    """Whatever else is known, nothing is ready to save."""
+    first = draft_of(save(text)).splitlines()[0]
+    assert f"no column is known to be {lost}: name it under [columns]; " in first
+
+
+def test_numbers_at_a_header_s_end_that_count_the_columns_are_no_row(save):
+    """As LabOne's sweeps across, and frames of numbered columns."""
+    across = "chunk;fieldname;" + ";".join(map(str, range(len(F)))) + "\n"
+    for name, values in (("frequency", F), ("x", S.real), ("y", S.imag)):
+        across += f"0;{name};" + ";".join(f"{v:.15g}" for v in values) + "\n"
+    path = save(across)
+    text = answered(draft_of(path)).replace("split_by", "# split_by")
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)
+
+
 def test_what_is_commented_out_names_each_column_once(save):
     """Two rows tell nothing of three columns without names."""
     text = refused(save("1,5,9\n2,6,7\n")).mapping

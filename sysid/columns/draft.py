@@ -68,11 +68,10 @@ def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
     lines += ["", "[columns]", *draft.columns_found(), *draft.columns_missing()]
     lines += ["", *draft.constants()]
     live = [line.partition("  #")[0] for line in lines if not line.startswith("#")]
-    do = (
-        "fill in every ?, and save"
-        if any('"?"' in line for line in live)
-        else "nothing is left to fill in: save"
-    )
+    do = "fill in every ?, and save" if any('"?"' in line for line in live) else ""
+    if lost := draft.lost():
+        do = f"no column is known to be {lost}: name it under [columns]; {do or 'save'}"
+    do = do or "nothing is left to fill in: save"
     first = f"# How to read {_in_comment(head.name)}: {do}; then read the logs with --columns FILE"
     return "\n".join([first, *lines, ""])
 
@@ -161,6 +160,19 @@ class _Draft:
         guess = "# which of the columns is the drive, and which the response, is a guess"
         guess += "; they are in a file each: give both" if self.files else ""
         return [kind, self._quantity(self.found["response"]), guess]
+
+    def lost(self) -> str:
+        """What a log cannot be without, and no column is known to be; "" where it is whole."""
+        parts = self.found.keys() & {"x", "y", "w", "wd", "magnitude", "response"}
+        response = parts or undecided(self.columns, self.found)
+        inputs = {*self.found, *self._stated()} & {"time", "frequency", *units.DRIVES} or self._is_timed()
+        named = {"the response": response, "a time or frequency": inputs}
+        return " or ".join(name for name, known in named.items() if not known)
+
+    def _is_timed(self) -> bool:
+        """Whether a sample rate is stated, or the period from row to row."""
+        keys = [key.casefold() for key in self.head.metadata]
+        return any(key.startswith("sample_rate") for key in keys) or bool(self._period())
 
     def dialect(self) -> list[str]:
         """How the file is written, where a mapping file has to say it, and what tells its experiments

@@ -3,6 +3,7 @@ messages."""
 
 import csv
 import io
+import itertools
 import math
 import re
 from collections.abc import Sequence
@@ -122,6 +123,14 @@ def find_delimiter(line: str) -> str:
         if mark in line and all(is_number(cell) for cell in split_line(line, mark) if cell.strip()):
             return mark
     return next((mark for mark in ",;\t" if mark in line), WHITESPACE if " " in line else ",")
+
+
+def uncounted(names: Sequence[str]) -> tuple[str, ...]:
+    """The names of a header without the numbers at its end that count the columns, from 0 or 1 on."""
+    texts = tuple(itertools.takewhile(lambda name: not is_number(name), names))
+    counted = [name.strip() for name in names[len(texts) :]]
+    counts = any(counted == [str(k + first) for k in range(len(counted))] for first in (0, 1))
+    return texts if counts and any(text.strip() for text in texts) else tuple(names)
 
 
 def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from sysid.tables import axis
+from sysid.tables import axis, units
 from sysid.tables.cells import (
     NO_NUMBER,
     WHITESPACE,
@@ -24,8 +24,8 @@ from sysid.tables.cells import (
     split_line,
     to_number,
 )
-from sysid.tables.csvfile import Head, LogError, metadata_of
-from sysid.tables.pieces import Gap, find_gaps, pieces, rows_like, without_end
+from sysid.tables.csvfile import Head, LogError, comment_of, metadata_of
+from sysid.tables.pieces import Gap, find_gaps, pieces, rows_like, without_end, without_remarks
 from sysid.tables.preamble import DEEPEST, names_below
 from sysid.tables.stamps import EXAMPLE, is_date, is_local, seconds_since, told
 from sysid.tables.textfile import is_packed, open_text
@@ -72,7 +72,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     joined: dict[int, np.ndarray] = {column: np.empty(0) for column in columns}
     keys: list[Any] = []
     blank_lines: list[int] = []
-    spare: list[str] = []
+    remarks: list[tuple[int, str]] = []
     line = head.first_line
     delimiter, marks = (
         str(head.dialect.delimiter),
@@ -86,7 +86,8 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
         tables = (head.metadata, *(_of_table(head, gap) for gap in gaps))
         file.seek(head.start)
         blocks = pieces(file, BLOCK, delimiter == WHITESPACE, gaps)
-        for block in without_end(blocks, delimiter, marks, head.preamble, spare):
+        blocks = without_remarks(blocks, marks, line, remarks) if marks else blocks
+        for block in without_end(blocks, delimiter, head.preamble):
             blank, count = _check_counts(head, block, line)
             blank_lines += blank
             if rows := count - len(blank):
@@ -104,7 +105,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     if not keys:
         raise LogError(f"{head.path}: found no rows, expected at least one row of numbers")
     joined = {column: told(values) for column, values in joined.items()}
-    notes = [f"below the last row, left out: {listed(spare)}"] if spare else []
+    notes = [_of_remarks(head, remarks, line)] if remarks else []
     notes += [_of_gap(gap, key is None) for gap in gaps]
     if key is not None:
         if odd := next(
@@ -133,6 +134,19 @@ def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection
         numbers[column] = told(seconds_since(head.first(column), sheet.texts(column).tolist()))
     digest = sheet.sha256 if sheet.sha256 is not None else _digest(head.path)
     return Body(numbers, None if key is None else sheet.texts(key), digest)
+
+
+def _of_remarks(head: Head, remarks: list[tuple[int, str]], end: int) -> str:
+    """A note on comments among the rows, or below the last of them, which is above line `end`. Raises
+    LogError where one among them states what holds of the rows below it alone, if of any."""
+    marks = head.dialect.comment or ()
+    for line, text in remarks:
+        stated = [key for key in metadata_of([comment_of(text, marks)])[0] if units.is_key(key)]
+        if stated and line < end:
+            found = f"found metadata {stated[0]!r} among the rows, expected it above the header"
+            raise LogError(f"{head.path}, line {line}: {found}; a log of other rows is a file of its own")
+    where = f"line{'s' if remarks[1:] else ''} {listed([str(line) for line, _ in remarks])}"
+    return f"{where}: comments among or below the rows, left out: {listed([text for _, text in remarks])}"
 
 
 def _of_gap(gap: Gap, own: bool) -> str:
@@ -251,7 +265,8 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
                 else ""
             )
             model = "the header" if head.dialect.header else f"the first row, line {head.first_line}"
-            remark = "; leave it out of the file if it is a remark" if _is_remark(row, cells, head) else ""
+            lone = len(cells) == 1 and not is_number(cells[0])
+            remark = "; leave it out of the file, or begin it with #, if it is a remark" if lone else ""
             remark = _other_table(block[ends[index] - lengths[index] :], line + index, head.dialect) or remark
             raise LogError(
                 f"{head.path}, line {line + index}: found {len(cells)} columns{last_line}, "
@@ -270,11 +285,6 @@ def _other_table(below: bytes, line: int, dialect: Dialect) -> str:
         if names is None
         else f"; another table begins in line {line + names}: save each in a file of its own, or join them"
     )
-
-
-def _is_remark(row: str, cells: list[str], head: Head) -> bool:
-    """Whether a line among the rows looks like words, not like a row."""
-    return row.startswith(head.dialect.comment or ()) or (len(cells) == 1 and not is_number(cells[0]))
 
 
 def _parse(

@@ -22,6 +22,7 @@ from sysid.tables.cells import (
     listed,
     split_line,
     to_number,
+    uncounted,
     with_unit_cells,
 )
 from sysid.tables.preamble import (
@@ -110,9 +111,10 @@ def read_head(path: str, dialect: Dialect) -> Head:
         sheet, names = layout.joined(path, found, dialect.join, str(head.dialect.decimal))
         lines = listed([str(table.lines[0]) for table in found])
         return _on_sheet(head, sheet, names, f"the tables that begin in lines {lines} are read side by side")
-    before = layout.names_across(head.names, head.sample)
+    names = uncounted(head.names)
+    before = layout.names_across(names, head.sample)
     if before is not None and dialect.header is not False:
-        header = head.names if head.dialect.header else ("",) * before
+        header = names if head.dialect.header else ("",) * before
         sheet, names = layout.across(path, head.dialect, head.start, head.first_line, header, before)
         head = replace(head, above=(*head.above, ";".join(header)))
         return _on_sheet(
@@ -351,8 +353,8 @@ def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) 
 
 
 def _holds_numbers(line: str, dialect: Dialect) -> bool:
-    """Whether a line is a row, not a header: no name is a number."""
-    return any(map(is_number, split_line(line, dialect.delimiter or find_delimiter(line))))
+    """Whether a line is a row, not a header: no name is a number, but those that count the columns."""
+    return any(map(is_number, uncounted(split_line(line, dialect.delimiter or find_delimiter(line)))))
 
 
 def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:

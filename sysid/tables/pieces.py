@@ -87,12 +87,23 @@ def pieces(file: BinaryIO, size: int, whitespace: bool, gaps: Sequence[Gap] = ()
         yield _cleaned(rest, place, whitespace, gaps)
 
 
-def without_end(
-    blocks: Iterator[bytes], delimiter: str, marks: tuple[bytes, ...], ends: bool, spare: list[str]
+def without_remarks(
+    blocks: Iterator[bytes], marks: tuple[bytes, ...], line: int, remarks: list[tuple[int, str]]
 ) -> Iterator[bytes]:
-    """The blocks without what is no row below the last one: delimiters and blanks alone, the END that a
-    preamble began (`ends`), and comments, lines that begin with one of `marks`, which are put into
-    `spare`."""
+    """The blocks, which begin at line `line`, with lines that begin with one of `marks` blank: comments,
+    which are put into `remarks` with their lines' numbers."""
+    comment = re.compile(rb"(?m)^(?:" + b"|".join(map(re.escape, marks)) + rb")[^\r\n]*")
+    for block in blocks:
+        for found in comment.finditer(block) if any(mark in block for mark in marks) else ():
+            text = found[0].decode("utf-8", errors="replace").strip()
+            remarks.append((line + block.count(b"\n", 0, found.start()), text))
+        line += block.count(b"\n")
+        yield comment.sub(b"", block) if remarks else block
+
+
+def without_end(blocks: Iterator[bytes], delimiter: str, ends: bool) -> Iterator[bytes]:
+    """The blocks without what is no row below the last one: delimiters and blanks alone, and the END that a
+    preamble began (`ends`)."""
     nothing = f" \t\r\n{delimiter}".encode()
     held = b""  # until something follows: only the file's end tells which row is the last
     for block in blocks:
@@ -101,15 +112,11 @@ def without_end(
             held = block
         else:
             held += block
-    while held := held[: _end_of_line(held, len(held.rstrip(nothing)))]:
-        above, _, last = held.rstrip().rpartition(b"\n")
-        if not last.startswith(marks) and not (ends and re.fullmatch(rb"[A-Za-z][\w ]*", last)):
-            break
-        if last.startswith(marks):
-            spare.insert(0, last.decode("utf-8", errors="replace").strip())
-        else:
-            ends = False
+    held = held[: _end_of_line(held, len(held.rstrip(nothing)))]
+    above, _, last = held.rstrip().rpartition(b"\n")
+    if ends and re.fullmatch(rb"[A-Za-z][\w ]*", last):
         held = above + b"\n" if above else b""
+    held = held[: _end_of_line(held, len(held.rstrip(nothing)))]
     if held.strip(nothing):
         yield held
 
