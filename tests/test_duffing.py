@@ -105,6 +105,8 @@ def test_a_peak_that_leans_over_is_fitted_with_its_lean(softer, amplitude, direc
     assert abs(shift.value - lean) < 4.5 * shift.std
     (warning,) = said(fit)
     assert "leans over" in warning and f"{shift.value:+.3g}" in warning
+    driven = f"{PLANT.f0 - 6 * HALF:.6g} to {PLANT.f0 + 6 * HALF:.6g} Hz"  # as it was, not as it acts
+    assert all(driven in log.description for log in fit.logs)
 
 
 def second(frequency, _, beside=3.0, share=0.5):

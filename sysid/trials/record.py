@@ -25,7 +25,7 @@ class Record:
     most: int = 0  # rows, if condensed no more than a filter asks for
     rectified: bool = False  # an amplitude by its noise at rest, though no frequency is recorded
     steps: tuple[float, ...] = ()  # of the recorder, of d and q or of the one channel; 0: none show
-    tuned: int = 0  # different frequencies that were recorded, whatever an effect makes of them
+    recorded: Log | None = field(default=None, repr=False)  # as it was read, whatever an effect makes of it
     whole: Log | None = field(default=None, repr=False)  # every row, where `log` holds means
 
     @property
@@ -36,6 +36,12 @@ class Record:
     def scale(self) -> float:
         """Largest magnitude of the response."""
         return scale_of(self.log.response)
+
+    @cached_property
+    def tuned(self) -> int:
+        """Different frequencies that were recorded, whatever an effect makes of them."""
+        frequency = None if self.recorded is None else self.recorded.frequency
+        return 0 if frequency is None else len(np.unique(frequency))
 
     @property
     def undriven_sweep(self) -> bool:

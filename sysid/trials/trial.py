@@ -74,7 +74,7 @@ class Trial(Record):
             spoilt=read.spoilt,
             most=read.most,
             rectified=rectified,
-            tuned=0 if log.frequency is None else len(np.unique(log.frequency)),
+            recorded=log,
             whole=log if len(read.log) < len(log) else None,
             steps=() if log.relative_noise or log.std is not None else rounding.steps(log.response),
             noise=noise,

@@ -218,8 +218,8 @@ def _of_set_points(unstated: Sequence[Log], k_T: float, error: float) -> list[st
 
 
 def describe(trial: Trial) -> str:
-    """What a log was taken for, in a few words."""
-    log = trial.log
+    """What a log was taken for, in a few words: by what was recorded, whatever an effect makes of it."""
+    log = trial.recorded or trial.log
     shape = "settled points" if trial.steady else "transient"
     if log.frequency is not None and np.ptp(log.frequency) > 0:
         shape += f", {log.frequency.min():.6g} to {log.frequency.max():.6g} Hz"
