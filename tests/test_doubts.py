@@ -126,3 +126,30 @@ def test_a_phase_beside_an_amplitude_is_named_with_the_way_to_read_it(save):
     content = table("frequency_Hz,w_um,phase_deg", (F, np.abs(SWEEP), np.degrees(np.angle(SWEEP))))
     (log,) = read_logs(save(content))
     assert any('magnitude = "w_um" and phase = "phase_deg"' in said for said in log.notes)
+
+
+def swing(periods, noise=0.02, seed=0, n=400, lead=60):
+    """Rows of noise, then of an oscillation that falls by e over so many periods, 20 rows each."""
+    t = np.arange(n) - lead
+    w = np.where(t > 0, np.sin(2 * np.pi * t / 20) * np.exp(-t / (20 * periods)), 0.0)
+    return w + noise * np.random.default_rng(seed).standard_normal(n)
+
+
+def undriven(save, w):
+    rows = "".join(f"{0.01 * k:.9g},{y:.9g}\n" for k, y in enumerate(w))
+    return save("time_s,w_m/s^2\n" + rows)
+
+
+@pytest.mark.parametrize("periods", [2, 5, 50])
+def test_an_oscillation_is_not_its_amplitude(save, periods):
+    refused(undriven(save, swing(periods)), "w that swings about zero", "amplitude over time")
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_passes_through_zero_once_is_no_oscillation(save, seed):
+    """A decay to below zero, of whatever height and slowness, in noise; and noise alone, white or brown."""
+    rng = np.random.default_rng(seed)
+    t, noise = np.arange(400), rng.standard_normal(400)
+    decay = np.exp(-t / rng.uniform(5, 400)) - rng.uniform(0, 1) + 0.1 * noise
+    for w in (decay, noise, np.cumsum(noise)):
+        assert len(read_logs(undriven(save, w))) == 1

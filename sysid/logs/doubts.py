@@ -1,6 +1,6 @@
 """What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, readings
 of a sensor that was not ready, one channel of two that was not recorded, and a phase that is one but for a
-half turn."""
+half turn; and an oscillation instead of its amplitude."""
 
 import dataclasses
 from collections.abc import MutableMapping
@@ -23,6 +23,7 @@ BESIDE = 7  # rows among whose readings the middle one is taken: three in succes
 LEAST = 20  # rows in which this can be told
 SOME = 8  # rows in which a channel that is 0 throughout was not recorded
 QUARTER = 0.5 * np.pi  # rad
+OPPOSITE = 0.5  # of the power of a signal, of which most then repeats itself with its sign turned
 ROUNDED = 1e-3  # rad, of phases in degrees of one decimal
 THERE = 0.1  # of the largest response: of less a phase may be noise
 
@@ -31,6 +32,7 @@ def doubted(log: "Log", celsius: bool = True) -> "Log":
     """The log, without readings of its thermometer that are none, and with a warning of these, and where its
     temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin or one channel of its response
     was not recorded. Raises LogError where that is one of a sweep."""
+    _refuse_oscillation(log)
     return _kelvin(_recorded(_ready(log)), celsius)
 
 
@@ -91,6 +93,27 @@ def _ready(log: "Log") -> "Log":
     )
     between = np.interp(index, index[~wrong], warm[~wrong])
     return _warned(dataclasses.replace(log, temperature=between), said)
+
+
+def _refuse_oscillation(log: "Log") -> None:
+    """Raise LogError where an undriven signal swings about zero: its rows are the oscillation itself, not its
+    amplitude.
+
+    At half a period's lag it is its own opposite, and at a whole one itself; what decays without a frequency
+    passes through zero once at most, so that twice a lag of opposites is a lag of more of them."""
+    signal = log.response.real
+    undriven = log.amplitude_only and log.frequency is None and log.drive is None and log.kind != "steady"
+    if not undriven or len(log) < LEAST or not np.any(signal < 0):
+        return
+    spectrum = np.abs(np.fft.rfft(signal, 2 * len(signal))) ** 2  # padded, so that no end meets a beginning
+    alike = np.fft.irfft(spectrum)[: len(signal)]
+    half = np.arange(1, (len(signal) + 1) // 2)
+    if np.any((alike[half] < -OPPOSITE * alike[0]) & (alike[2 * half] > OPPOSITE * alike[0])):
+        found = (
+            "found a w that swings about zero, without drive or frequency: the oscillation, of whatever it is"
+        )
+        do = "its amplitude over time (of any quantity it tells tau), or the samples of drive and response"
+        raise LogError(f"{log.path or log.name}: {found}; expected {do}, as kind: waveform")
 
 
 def _recorded(log: "Log") -> "Log":
