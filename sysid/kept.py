@@ -15,9 +15,10 @@ from contextlib import suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:  # help waits for no library
+    import numpy as np
 
 log = logging.getLogger(__name__)
 SWITCH = "SYSID_PROGRAMS"  # environment variable: a folder to keep programs in, or `off`
@@ -68,8 +69,12 @@ def program(function: Callable, identity: str, make: Callable[[], Any]) -> Any:
     return anew() if (found := _read(path)) is None else _Loaded(found, anew)
 
 
-def arrays(name: str, identity: str, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+def arrays(
+    name: str, identity: str, make: Callable[[], Mapping[str, "np.ndarray"]]
+) -> dict[str, "np.ndarray"]:
     """The arrays that `make()` gives, or those of that `identity` that are kept."""
+    import numpy as np
+
     if (where := folder()) is None:
         return dict(make())
     whole = f"{_machine('sysid')} {identity}"
@@ -127,6 +132,7 @@ def _read(path: Path) -> Any:
         return None
     try:
         import jax
+        import numpy as np
         from jax.experimental.serialize_executable import deserialize_and_load
         from jaxlib.lapack import prepare_lapack_call
 

@@ -85,7 +85,7 @@ def test_dates_across_midnight_and_a_change_of_the_clocks():
 
 
 def test_dates_through_a_mapping_file(save):
-    table = save('amplitude = "peak"\n[columns]\ntime = "when"\nw = "wd_um"\n', "map.toml")
+    table = save('amplitude = "peak"\n[columns]\ntime = "when"\nw = "wq_um"\n', "map.toml")
     path = save(stamped(datetime.datetime.isoformat, "when"))
     (log,) = read_logs(path, columns=table)
     np.testing.assert_allclose(log.time, TIME, rtol=0, atol=1e-12)

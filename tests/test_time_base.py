@@ -117,7 +117,7 @@ def test_samples_without_a_rate_are_named(save):
         ("t", "call it t_s, t_ms"),
         ("T (ticks)", "call it T_s, T_ms"),
         ("timestamp", "call it timestamp_s, timestamp_ms"),
-        ("elapsed", "call it time_s, time_ms"),
+        ("elapsed", "call it elapsed_s, elapsed_ms"),
     ],
 )
 def test_a_time_without_a_unit_is_named_where_rows_need_one(save, name, ways):

@@ -60,7 +60,7 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     describe; `looked`: what these hold to first order."""
     each = instances(state.trials, names)
     adoption = _Adoption(Search(minimiser, state), looked.found)
-    wrong = misfitting(state, looked.found) | {i for i, t in enumerate(state.trials) if slow(t, state.tau)}
+    wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
     before, named, count = None, None, sum(map(len, here))
     for _ in range(MOST):

@@ -22,7 +22,8 @@ from sysid.effects.number import Number, number
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
-EDGES = 64  # places of a log where a stretch may begin or end, at first; then each row near the best
+EDGES = 64  # places of a log where a stretch may begin or end, at first; then others near the best,
+FINER = 8  # to either side of each end, ever closer
 STARTS = 4  # that differ at an end by more than
 ALIKE = 0.1  # of the log: seen from a wrong plate the right one need not be the best
 LEAST_ROWS = 40  # of a log, half of which at the most may be the stretch
@@ -30,6 +31,12 @@ SHORTEST = 4  # rows: fewer are outliers
 REGULAR = 1e-9  # of the power of a column, added to it: what no row of a part shows is then zero
 ROUNDED = 1e-12  # of the power of a log: less is rounding
 GUESSES = np.log(EDGES * (EDGES - 1) / 2)  # log of how many stretches there are
+
+
+def _moves(trial: Trial) -> bool:
+    """A sweep, or a transient whose inputs change: what stands still tells two plates from none."""
+    moves = trial.swept or (not trial.steady and trial.changes > 0)
+    return trial.driven and moves and len(trial.log) >= LEAST_ROWS
 
 
 def _rows(trial: Trial, values: np.ndarray) -> tuple[int, int]:
@@ -57,7 +64,7 @@ def _stretched(trial: Trial, values: np.ndarray, about: About) -> float:
     return -float(GUESSES + trial.channels * (own[0] + level))
 
 
-@lru_cache(maxsize=4)  # for all stretches of a log
+@lru_cache(maxsize=1)  # for all stretches of a log
 def _sums(
     trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]
 ) -> tuple[np.ndarray, float, np.ndarray]:
@@ -113,11 +120,21 @@ def _likeliest(trial: Trial, about: About, most: int = STARTS) -> np.ndarray:
     pairs = pairs[np.argsort(np.add(*_sides(sums, used, pairs)), kind="stable")]
     found: list[np.ndarray] = []
     while len(pairs) and len(found) < most:
-        begins, ends = (np.arange(max(x - apart, 0), min(x + apart, n) + 1) for x in pairs[0])
-        near = _pairs(begins, ends, n)
-        found.append(near[int(np.argmin(np.add(*_sides(sums, used, near))))] / n)
+        found.append(_closer(sums, used, pairs[0], apart) / n)
         pairs = pairs[np.max(np.abs(pairs - pairs[0]), axis=1) > ALIKE * n]
     return np.array(found)
+
+
+def _closer(sums: np.ndarray, used: np.ndarray, pair: np.ndarray, apart: int) -> np.ndarray:
+    """(2,) the likeliest stretch near one whose ends are known to so many rows: to the row."""
+    n = len(used) - 1
+    while apart:
+        step = -(-apart // FINER)
+        begins, ends = (np.clip(x + step * np.arange(-FINER, FINER + 1), 0, n) for x in pair)
+        near = _pairs(begins, ends, n)
+        pair = near[int(np.argmin(np.add(*_sides(sums, used, near))))]
+        apart = step // 2
+    return pair
 
 
 def _best(trial: Trial, about: About) -> np.ndarray:
@@ -149,7 +166,7 @@ def _said(trial: Trial, found: dict[str, Number]) -> Told:
 
 STRETCH = Effect(
     name="stretch",
-    shows=lambda trial: len(trial.log) >= LEAST_ROWS and (trial.driven or trial.steady),
+    shows=_moves,
     stds=lambda trial, about: np.ones(2),
     starts=_likeliest,
     applied=_without,

@@ -144,7 +144,9 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
     alike = likely and likely[0].log is None  # what is in all logs contradicts none
     if wrong and not alike and (apart := odd_ones(question.minimiser, question.trials, best)):
         return Judged([apart], [], [])
-    described = not (wrong or any(f.certain for f in found) or any(slow(t, best.tau) for t in best.trials))
+    described = not (
+        wrong or any(f.certain for f in found) or any(slow(best, i) for i in range(len(best.trials)))
+    )
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):

@@ -59,7 +59,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     if not sure and (part < least_that_matters(state) * size or chance < SIGNIFICANT):
         return None
     even = not (trial.steady or _near_changes(residual[rows], trial.since_change[rows], state.tau))
-    if even and not (sure or mostly or slow(trial, state.tau)):
+    if even and not (sure or mostly or slow(state, i)):
         return None  # faster than anything of the plate
     much = f"{100 * part / size:.2g} % of the response"
     smooth = mostly and chance > SMOOTH * np.sqrt(trial.channels * len(rows))
@@ -72,14 +72,19 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     return Left(f"{amount} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
 
 
-def slow(trial: Trial, tau: float) -> bool:
-    """Whether what was taken for noise of a log may be what a wrong plate leaves: smooth from row to row, and
-    in a transient not much shorter than tau."""
+def slow(state: State, i: int) -> bool:
+    """Whether what was taken for noise of the i-th log may be what a wrong plate leaves: smooth from row to
+    row, and in a transient not much shorter than tau. Of a plate's nothing stands out: noise with outliers,
+    which is no more than noise between them, is noise."""
+    trial = state.trials[i]
     if not trial.noise.coloured:
+        return False
+    model = trial.as_recorded(state.models[i])
+    if trial.noise.left_out > trial.lost and is_coloured_noise(trial, trial.residual(model), model):
         return False
     longest = max(trial.noise.parts, key=lambda p: p.time)
     smooth = bool(np.median(longest.memory()[1:]) >= EVEN)
-    return smooth and (trial.steady or longest.time >= FAST * tau)
+    return smooth and (trial.steady or longest.time >= FAST * state.tau)
 
 
 def least_that_matters(state: State) -> float:
