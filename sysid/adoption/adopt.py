@@ -101,8 +101,8 @@ class _Adoption:
         None where none gains, or one that is no effect at all by its numbers gains more: something else is
         there."""
         ends: list[Description] = []
-        for some in here:
-            if some and not (ends and ends[0].sense and ends[0].white and self.ahead(ends[0])):
+        for k, some in enumerate(here):
+            if some and not (ends and self._enough(ends[0], k == len(here) - 1)):
                 found = self.search.ends(before, some, count)
                 self.alone += found if before is None else []
                 ends = sorted([*ends, *found], key=lambda d: -d.evidence)
@@ -121,6 +121,11 @@ class _Adoption:
                     rival=max(others.values(), default=-np.inf),
                 )
         return None
+
+    def _enough(self, best: Description, last: bool) -> bool:
+        """Whether nothing else has to be tried beside it; `last`: but what may be anything."""
+        described = best.white and self.ahead(best)
+        return best.sense and (described or (last and best.explains(self.before)))
 
     def ahead(self, best: Description) -> bool:
         """Whether it beats what the first order found of other kinds, that was not tried in full."""
@@ -188,13 +193,13 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
     return any(f.certain and f.explains and f.name not in own for f in left)
 
 
-def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], list[Group]]:
-    """These effects as they are tried: the likely ones, and the others. What may be anything is among these,
-    and only where a single log is wrong: it does not happen to several."""
+def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], ...]:
+    """These effects as they are tried: the likely ones, the others, and last what may be anything, where a
+    single log is wrong: it does not happen to several."""
     known = [x for x in each if x.effect.hop is None]
-    likely = groups(promising(known, looked, wrong, LIKELY), wrong)
-    every = groups(promising(each if len(wrong) == 1 else known, looked, wrong, PROMISES), wrong)
-    return likely, [x for x in every if x not in likely]
+    likely, every = (groups(promising(known, looked, wrong, least), wrong) for least in (LIKELY, PROMISES))
+    anything = [x for x in each if x not in known and len(wrong) == 1 and wrong.issuperset(x.where)]
+    return likely, [x for x in every if x not in likely], groups(anything, wrong)
 
 
 def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int], least: float) -> list[Instance]:
