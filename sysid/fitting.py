@@ -9,7 +9,7 @@ import numpy as np
 
 from sysid import reading
 from sysid.adoption.adopt import tried
-from sysid.effects.registry import ADOPTED, EVERY
+from sysid.effects.registry import ADOPTED, EFFECTS, EVERY
 from sysid.logs.log import Log
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.minimum.ridge import unfolded
@@ -22,7 +22,7 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Average
-from sysid.verdict.conclusion import FitProblem, conclude, retold
+from sysid.verdict.conclusion import CONTRADICTS, FitProblem, conclude, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
 from sysid.verdict.finding import Finding
@@ -68,23 +68,26 @@ def fit(
     if meanwhile is not None:
         meanwhile(best, minimiser.reference)
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
-    if (told := _of_decays(best, given)) is not None:
-        return told
     found = _concluded(question, states)
-    if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
-        return told
-    names = [n for n in nuisances if n in ADOPTED]
+    restless, sure = decays(best)[0], False
+    names = [e.name for e in EFFECTS if e.name in nuisances and (e.hop is not None or not restless)]
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
-        question, found = _with_effects(question, found, names)
+        question, found, sure = _with_effects(question, found, names, bool(restless))
+    if restless and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
+        return told
+    if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
+        return told
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
     return replace(_together(question, found) if found.result is Result.successful else found, judged=None)
 
 
-def _with_effects(question: FitProblem, found: Fit, names: Sequence[str]) -> tuple[FitProblem, Fit]:
+def _with_effects(
+    question: FitProblem, found: Fit, names: Sequence[str], surely: bool
+) -> tuple[FitProblem, Fit, bool]:
     """The question with the effects of these names that describe its logs, and its fit; else the fit, which
-    says what it can of these effects."""
+    says what it can of these effects, `surely` only what leaves noise; and whether they leave no more."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
     outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
     if (told := outcome.adopted) is not None:
@@ -97,20 +100,21 @@ def _with_effects(question: FitProblem, found: Fit, names: Sequence[str]) -> tup
         )
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful or _tells(anew, found):
-            return again, anew
+            return again, anew, True
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
-    most = outcome.named if outcome.surely or found.result is Result.misfit else None
+    most = outcome.named if outcome.surely or (found.result is Result.misfit and not surely) else None
     if most is not None:  # values beside it are nearer to the plate's than those without
         named, wider = (
             most.findings("refused", "which explains most of it"),
             question.dispersion + most.dispersion,
         )
-        states = [replace(s, dispersion=wider) for s in minimiser.imaged([most.state])]
+        hung = confounds_gain(most.state, minimiser.reference, minimiser.free)
+        states = _tight(minimiser, most.state, hung) if hung else minimiser.imaged([most.state])
+        states = [replace(s, dispersion=wider) for s in states]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
-    return question, conclude(
-        question, states, confounds_gain(states[0], minimiser.reference, minimiser.free), judged
-    )
+    hung = confounds_gain(states[0], minimiser.reference, minimiser.free)
+    return question, conclude(question, states, hung, judged), outcome.surely
 
 
 def _tells(fit: Fit, before: Fit) -> bool:
@@ -118,6 +122,12 @@ def _tells(fit: Fit, before: Fit) -> bool:
     known = [n for n, p in before.parameters.items() if p.determined]
     told = [n for n, p in fit.parameters.items() if p.determined]
     return fit.result is Result.undetermined and bool(told) and set(known) <= set(told)
+
+
+def _alike(found: Fit, decay: Fit) -> bool:
+    """Whether a fit with driven rows tells the tau of the decay after them."""
+    tau, alone = found.parameters["tau"], decay.parameters["tau"]
+    return tau.determined and abs(tau.value - alone.value) < CONTRADICTS * alone.std
 
 
 def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:
@@ -179,16 +189,19 @@ def _concluded(question: FitProblem, states: list[State]) -> Fit:
     names = confounds_gain(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
         return conclude(question, states, names)
-    tight = minimiser.imaged(
-        [minimiser.refine(tightened(best, minimiser.reference, names), best.theta, ESTIMATED)]
-    )
-    tight = [unfolded(minimiser, s) for s in tight]
+    tight = _tight(minimiser, best, names)
     asked = replace(question, trials=_with_priors(question.trials, tight[0].trials))
     narrow = conclude(asked, tight, confounds_gain(tight[0], minimiser.reference, minimiser.free))
     if narrow.result is not Result.misfit or not narrow.judged.open:  # whose cause is plain
         return narrow
     wide = conclude(question, states, names)
     return wide if wide.result is Result.misfit else narrow
+
+
+def _tight(minimiser: Minimiser, state: State, names: Sequence[str]) -> list[State]:
+    """The minima near another, its nuisances `names` with priors of the size that they show."""
+    tight = minimiser.refine(tightened(state, minimiser.reference, names), state.theta, ESTIMATED)
+    return [unfolded(minimiser, s) for s in minimiser.imaged([tight])]
 
 
 def _asked(
