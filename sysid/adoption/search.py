@@ -346,12 +346,18 @@ class Search:
         changed places."""
         each = zip(point.instances, self.parts(point.instances), strict=True)
         exact = 1e-300 * self.stds(point.instances)
-        return all(x.effect.seen(point.numbers[p], exact[p]) for x, p in each)
+        own = self.own(point.state)
+        return all(x.effect.seen(point.numbers[p], exact[p], own) for x, p in each)
 
     def makes_sense(self, found: Description) -> bool:
         """Whether all numbers are those of their effects."""
         std, each = np.sqrt(np.diag(found.covariance)), zip(found.instances, found.parts, strict=True)
-        return all(x.effect.seen(found.numbers[p], std[p]) for x, p in each)
+        return all(x.effect.seen(found.numbers[p], std[p], self.own(found.state)) for x, p in each)
+
+    def own(self, state: State) -> float:
+        """The largest response of a plate, of which modes may take something away, over that of the logs."""
+        driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
+        return max(1.0, driven)
 
     def in_colour(
         self,

@@ -25,6 +25,9 @@ from sysid.trials.trial import SLOPED, Trial
 APART = 2.0 ** np.arange(
     0, 5
 )  # half bandwidths from the resonance, to both sides: nearer ones show as a single peak
+# Two modes that show as one peak: half bandwidths of the peak from its middle, how much slower than it seems
+# the log of tau is, and the share of each in it.
+SPLIT = (0.5, 0.5, 0.5)
 TURNS = np.exp(0.5j * np.pi * np.arange(4))
 WIDTHS = np.log([0.5, 1.0, 2.0])  # of another mode's tau over the plate's
 CLOSE, PLACES = 0.5, 400  # half bandwidths between places where it is looked for, and at most so many
@@ -111,12 +114,15 @@ def _second_starts(trial: Trial, about: About) -> np.ndarray:
     the places where it would take most of what the plate leaves; of amplitudes, what turns them by a right
     angle shows only once it is there."""
     each = [(way * x, 0.0) for x in APART for way in (-1, 1)]
+    apart, slower, share = SPLIT
+    split = [[way * apart, slower, share, 0.0, 0.0] for way in (-1, 1)]
     if not trial.signed:
-        return np.array([[x, width, z.real, z.imag, 0.0] for x, width in each for z in 0.5 * TURNS])
+        return np.array([*split, *([x, width, z.real, z.imag, 0.0] for x, width in each for z in 0.5 * TURNS)])
     left = _Left(trial, about)
     each += [] if moving(trial) else left.likely()
     sizes = [left.by(_second(trial, x, width, 0.0, about)[:, None])[0] for x, width in each]
-    return np.array([[x, width, z.real, z.imag, 0.0] for (x, width), z in zip(each, sizes, strict=True)])
+    alone = [[x, width, z.real, z.imag, 0.0] for (x, width), z in zip(each, sizes, strict=True)]
+    return np.array([*split, *alone])
 
 
 class _Left:
@@ -163,10 +169,10 @@ class _Left:
         return np.abs(self.by(shapes)) ** 2 * np.sum(np.abs(self.off(shapes)) ** 2, axis=0)
 
 
-def _seems_a_mode(values: np.ndarray, stds: np.ndarray) -> bool:
-    """Whether it stands where another mode can, and has a size, no larger than that of the first."""
-    size = float(np.hypot(*values[2:4]))
-    return bool(abs(values[0]) >= APART[0] > stds[0] and SEEN * np.min(stds[2:4]) < size <= 1.0)
+def _seems_a_mode(values: np.ndarray, stds: np.ndarray, own: float) -> bool:
+    """Whether it stands beside the peak, at a place that is known, and has a size, no larger than the first's."""
+    size, beside = float(np.hypot(*values[2:4])), abs(values[0]) > SEEN * stds[0] and stds[0] < 1.0
+    return bool(beside and SEEN * np.min(stds[2:4]) < size <= own)
 
 
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -241,7 +247,7 @@ SECOND_POLE = Effect(
     scope="plate",
     rough=True,
     another=True,
-    makes_sense=lambda values, stds: bool(
+    makes_sense=lambda values, stds, own: bool(
         np.abs(values[0]) > SEEN * stds[0] and np.abs(values[1]) > SEEN * stds[1]
     ),
 )

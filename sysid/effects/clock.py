@@ -181,7 +181,7 @@ EDGES = Effect(
     numbers=_apart_numbers,
     said=_apart_said,
     linear=tuple(range(CHANGES)),
-    makes_sense=lambda values, stds: bool(np.max(np.abs(values)) <= 1),
+    makes_sense=lambda values, stds, own: bool(np.max(np.abs(values)) <= 1),
 )
 
 
@@ -232,7 +232,7 @@ def _lost(share: float) -> Effect:
         numbers=numbers,
         said=said,
         many=True,
-        makes_sense=lambda values, stds: bool(values[0] > max(0.5, 3 * stds[0])),
+        makes_sense=lambda values, stds, own: bool(values[0] > max(0.5, 3 * stds[0])),
     )
 
 

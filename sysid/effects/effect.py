@@ -83,8 +83,9 @@ class Effect:
     `colour`: of noise that went through it, the correlation of rows that are so many seconds apart.
     `relative`: it is what a log is beside others, and not what all are. `hop`: of numbers that a log
     follows in steps, where they had better be, seen from the plate of what is known. `makes_sense`:
-    whether numbers and their standard deviations are those of the effect; unless stated, whether one that
-    is linear is seen at all."""
+    whether numbers and their standard deviations are those of the effect, where the plate's response would be
+    `own` times the largest of the logs at the most; unless stated, whether one that is linear is seen at
+    all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -109,17 +110,17 @@ class Effect:
     relative: bool = False
     hop: Callable[[Trial, About], np.ndarray] | None = None
     stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
-    makes_sense: Callable[[np.ndarray, np.ndarray], bool] | None = None
+    makes_sense: Callable[[np.ndarray, np.ndarray, float], bool] | None = None
 
-    def seen(self, values: np.ndarray, stds: np.ndarray) -> bool:
-        """Whether numbers and their standard deviations are those of the effect."""
+    def seen(self, values: np.ndarray, stds: np.ndarray, own: float = 1.0) -> bool:
+        """Whether numbers and their standard deviations are those of the effect beside such a plate."""
         if self.makes_sense is not None:
-            return self.makes_sense(values, stds)
+            return self.makes_sense(values, stds, own)
         some = [k for k in self.linear if k < len(values)] or list(range(len(values)))
         return bool(np.max(np.abs(values[some]) / stds[some]) > SEEN)
 
 
-def positive(values: np.ndarray, stds: np.ndarray) -> bool:
+def positive(values: np.ndarray, stds: np.ndarray, own: float) -> bool:
     """Whether the first number is seen, and larger than zero."""
     return bool(values[0] > SEEN * stds[0])
 

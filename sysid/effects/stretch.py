@@ -177,5 +177,5 @@ STRETCH = Effect(
     rough=True,
     linear=(),
     places=nowhere,
-    makes_sense=lambda values, stds: bool(values[1] > values[0]),
+    makes_sense=lambda values, stds, own: bool(values[1] > values[0]),
 )
