@@ -124,7 +124,7 @@ class _Adoption:
 
     def _enough(self, best: Description, last: bool) -> bool:
         """Whether nothing else has to be tried beside it; `last`: but what may be anything."""
-        described = best.white and self.ahead(best)
+        described = best.white and self.ahead(best) and not (best.vague and not last)
         return best.sense and (described or (last and best.explains(self.before)))
 
     def ahead(self, best: Description) -> bool:

@@ -56,6 +56,12 @@ class Description(NamedTuple):
         return {i for x in self.instances for i in x.where}
 
     @property
+    def vague(self) -> bool:
+        """Whether with such numbers one of its effects may look like anything."""
+        each = zip(self.instances, self.parts, strict=True)
+        return any(x.effect.vague(self.numbers[part]) for x, part in each)
+
+    @property
     def white(self) -> bool:
         """Whether these are left with noise of each row's own, or that a filter behind it made: noise of
         longer memory may be what a wrong effect leaves."""

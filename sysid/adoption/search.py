@@ -239,9 +239,16 @@ class Search:
         for p in sorted(points, key=lambda p: p.cost):
             if kept and p.cost > kept[0].cost + within:
                 break
-            if all(np.any(np.abs(p.numbers - k.numbers) > APART * self.stds(p.instances)) for k in kept):
+            if all(self.differ(p, k) for k in kept):
                 kept.append(p)
         return kept
+
+    def differ(self, a: Point, b: Point) -> bool:
+        """Whether points of the same effects differ by their numbers and by what they make of the logs: two
+        modes may have changed places."""
+        each = zip(a.state.trials, a.state.models, b.state.models, strict=True)
+        models = any(np.max(np.abs(m - other)) > NEAR * t.noise.std for t, m, other in each)
+        return models and bool(np.any(np.abs(a.numbers - b.numbers) > APART * self.stds(a.instances)))
 
     def look(self, point: Point, coloured: bool = False) -> Looked:
         """What is seen from a point. `coloured`: by the noise as it is found there, else as if it were

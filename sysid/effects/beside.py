@@ -191,6 +191,7 @@ SECOND_MODE = Effect(
     places=_mode_places,
     many=True,
     scope="bench",
+    vague=lambda values: bool(abs(values[0]) < APART[0]),
     makes_sense=_seems_a_mode,
 )
 

@@ -81,7 +81,8 @@ class Effect:
     it. `unseen`: what to say of it, of its size and of what that moves, where it may be there and hide.
     `stated`: what a log's metadata would have said of it, by which rows are read in another way.
     `colour`: of noise that went through it, the correlation of rows that are so many seconds apart.
-    `relative`: it is what a log is beside others, and not what all are. `hop`: of numbers that a log
+    `relative`: it is what a log is beside others, and not what all are. `vague`: whether with such
+    numbers it may look like anything, so that all others are tried as well. `hop`: of numbers that a log
     follows in steps, where they had better be, seen from the plate of what is known. `makes_sense`:
     whether numbers and their standard deviations are those of the effect, where the plate's response would be
     `own` times the largest of the logs at the most; unless stated, whether one that is linear is seen at
@@ -108,6 +109,7 @@ class Effect:
     unseen: Callable[[Trial, About], str] = lambda trial, about: ""
     colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None
     relative: bool = False
+    vague: Callable[[np.ndarray], bool] = lambda values: False
     hop: Callable[[Trial, About], np.ndarray] | None = None
     stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
     makes_sense: Callable[[np.ndarray, np.ndarray, float], bool] | None = None
