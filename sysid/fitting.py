@@ -22,7 +22,7 @@ from sysid.trials.trial import NUISANCES, Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Average
-from sysid.verdict.conclusion import CONTRADICTS, FitProblem, conclude, retold
+from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
 from sysid.verdict.finding import Finding
@@ -70,7 +70,7 @@ def fit(
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     found = _concluded(question, states)
     restless, sure = decays(best)[0], False
-    names = [e.name for e in EFFECTS if e.name in nuisances and (e.hop is not None or not restless)]
+    names = _called_for(found.judged, bool(restless), nuisances)
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
         question, found, sure = _with_effects(question, found, names, bool(restless))
@@ -81,6 +81,13 @@ def fit(
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
     return replace(_together(question, found) if found.result is Result.successful else found, judged=None)
+
+
+def _called_for(judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
+    """The effects of these names that a minimum may call for: of logs that only differ, those of the plate;
+    of driven rows that no plate explains, what may be anything."""
+    each = [e for e in EFFECTS if e.scope == "plate" or not judged.apart]
+    return [e.name for e in each if e.name in names and (e.hop is not None or not restless)]
 
 
 def _with_effects(
@@ -101,6 +108,8 @@ def _with_effects(
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful or _tells(anew, found):
             return again, anew, True
+    if judged.apart:
+        return question, found, False
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     most = outcome.named if outcome.surely or (found.result is Result.misfit and not surely) else None

@@ -22,7 +22,7 @@ import numpy as np
 
 from sysid.adoption.description import RIVAL, Description, Group, Instance
 from sysid.adoption.search import LEVEL, NEARLY, Search
-from sysid.effects.effect import Effect
+from sysid.effects.effect import About, Effect
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
@@ -59,7 +59,9 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not
     describe; `looked`: what these hold to first order."""
     each = instances(state.trials, names)
-    adoption = _Adoption(Search(minimiser, state), looked.found)
+    away = 0.0 if looked.fit is None else looked.fit.away
+    about = About.of(state, minimiser.reference, away)
+    adoption = _Adoption(Search(minimiser, state, about), looked.found)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
     before, named, count = None, None, sum(map(len, here))

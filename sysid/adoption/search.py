@@ -75,9 +75,9 @@ class Looked(NamedTuple):
 class Search:
     """For the numbers of effects beside a minimum."""
 
-    def __init__(self, minimiser: Minimiser, state: State, about: About | None = None):
+    def __init__(self, minimiser: Minimiser, state: State, about: About):
         self.minimiser, self.alone = minimiser, _all_its_own(state)
-        self.about = about or About.of(state, minimiser.reference)
+        self.about = about
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
         self.looked = cache(self.look)  # a point is looked at where a search begins, ends and is weighed
 

@@ -117,7 +117,8 @@ def _second_starts(trial: Trial, about: About) -> np.ndarray:
     apart, slower, share = SPLIT
     split = [[way * apart, slower, share, 0.0, 0.0] for way in (-1, 1)]
     if not trial.signed:
-        return np.array([*split, *([x, width, z.real, z.imag, 0.0] for x, width in each for z in 0.5 * TURNS)])
+        turned = [[x, width, z.real, z.imag, 0.0] for x, width in each for z in 0.5 * TURNS]
+        return np.array([*split, *turned])
     left = _Left(trial, about)
     each += [] if moving(trial) else left.likely()
     sizes = [left.by(_second(trial, x, width, 0.0, about)[:, None])[0] for x, width in each]
@@ -170,7 +171,7 @@ class _Left:
 
 
 def _seems_a_mode(values: np.ndarray, stds: np.ndarray, own: float) -> bool:
-    """Whether it stands beside the peak, at a place that is known, and has a size, no larger than the first's."""
+    """Whether it stands apart, at a place that is known, and has a size, no larger than the first's."""
     size, beside = float(np.hypot(*values[2:4])), abs(values[0]) > SEEN * stds[0] and stds[0] < 1.0
     return bool(beside and SEEN * np.min(stds[2:4]) < size <= own)
 

@@ -35,7 +35,7 @@ class About(NamedTuple):
     """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
     half bandwidth Hz; `top`, the largest response of the logs, `drive` the largest drive, and `span` (Hz) the
     widest sweep, or what is usual; `driven` Hz, the lowest and the highest frequency, less the reference;
-    `fitted` s, tau as it is with the effect, and its relative error; `moved`
+    `told` degC, where f0 is told; `fitted` s, tau as it is with the effect, and its relative error; `moved`
     Hz, by how much the effect moves f0."""
 
     reference: tuple[float, float]
@@ -46,19 +46,21 @@ class About(NamedTuple):
     drive: float
     span: float
     driven: tuple[float, float] = (0.0, 0.0)
+    told: float = 0.0
     fitted: tuple[float, float] = (0.0, 0.0)
     moved: float = 0.0
 
     @classmethod
-    def of(cls, state: State, reference: tuple[float, float]) -> "About":
-        """Of the logs at a minimum."""
+    def of(cls, state: State, reference: tuple[float, float], away: float = 0.0) -> "About":
+        """Of the logs at a minimum, whose parameters are told `away` (degC) from the reference."""
         top = max(t.scale for t in state.trials)
         each = [t.log.frequency - reference[0] for t in state.trials if t.resonant]
         span = max([WIDE * state.half_bandwidth, *(float(np.ptp(x)) for x in each)])
         ends = [(float(np.min(x)), float(np.max(x))) for x in each] or [(0.0, 0.0)]
         driven = (min(low for low, _ in ends), max(high for _, high in ends))
         drive = max((float(np.max(np.abs(t.log.drive))) for t in state.trials if t.driven), default=1.0)
-        return cls(reference, state.theta, state.tau, state.half_bandwidth, top, drive, span, driven)
+        known = reference, state.theta, state.tau, state.half_bandwidth
+        return cls(*known, top, drive, span, driven, reference[1] + away)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,8 @@ from sysid.trials.trial import Trial
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
 MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest response
 PER_DEGREE = 0.03  # of the damping, per degC: of glue that softens, or of a liquid
+BEND = 0.01  # half bandwidths per degC^2: one 10 degC from where f0 is told
+BENDS = np.array([0.1, 0.5, 2.0])  # of it
 LEAST_DAMPED = 0.05  # of the damping: with none of it the plate would run away
 LEAST = 1e-6  # of a log: less is a plant of first order
 SLOW = 0.25  # of a log, which is then little more than a period
@@ -154,6 +156,37 @@ TEMPERATURE_DAMPING = Effect(
     said=_warm_damped_said,
     scope="plate",
     known_as=("temperature",),
+)
+
+
+def _bent(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    away = trial.log.temperature - about.told
+    return shifted(trial, "frequency", -BEND * values[0] * about.half_bandwidth * away**2)
+
+
+def _bent_said(trial: Trial, found: dict[str, Number]) -> Told:
+    change, at = found["change"], found["at"]
+    return Told(
+        f"f0 is not linear in the temperature: k_T changes by {change.value:+.3g} ± {change.std:.1g} Hz/degC"
+        " per degC",
+        f"f0 and k_T are those at {at.value:.4g} degC",
+    )
+
+
+# f0 + k_T (T - T0) + c (T - T0)^2 about the temperature T0 at which f0 and k_T are told. Of one temperature
+# or two it is no more than another f0 and k_T.
+CURVED = Effect(
+    name="curved",
+    shows=lambda trial: trial.resonant and trial.log.temperature is not None,
+    stds=lambda trial, about: np.array([1.0]),
+    starts=lambda trial, about: np.concatenate([-BENDS, [0.0], BENDS])[:, None],
+    applied=_bent,
+    numbers=lambda trial, values, stds, about: {
+        "change": number(values[0], stds[0], "Hz/degC^2", 2 * BEND * about.half_bandwidth),
+        "at": number(about.told, 0.0, "degC"),
+    },
+    said=_bent_said,
+    scope="plate",
 )
 
 

@@ -12,7 +12,7 @@ from sysid.effects.drift import (
 )
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
-from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
+from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, CURVED, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.effects.stretch import STRETCH
 from sysid.trials.trial import NUISANCES
@@ -30,6 +30,7 @@ EFFECTS: tuple[Effect, ...] = (
     DUFFING,
     *AMPLITUDE_DAMPING,
     TEMPERATURE_DAMPING,
+    CURVED,
     ASYMMETRIC,
     POWER,
     DEAD_BAND,

@@ -26,6 +26,7 @@ from sysid.model.plant import Plant
 from sysid.rows.hold import Leaf, contact
 
 T = TypeVar("T")
+LEAST_DAMPED = 0.05  # of the damping: with none of it the plate would run away
 
 
 class Inputs(NamedTuple):
@@ -159,6 +160,28 @@ class FingerDetuning:
 
     def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:
         return motion._replace(detuning=motion.detuning - self.ratio * self.finger.ratio(inputs) / plant.tau)
+
+
+@effect("curved", "plate")
+class Curved:
+    """f0 is not linear in the temperature: f0 + k_T w + change w^2/2, w degC above the plant's reference
+    temperature, as that of a quartz: k_T changes by `change` per degC."""
+
+    change: float = number(0.1, "Hz/degC^2")
+
+    def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:
+        return motion._replace(detuning=motion.detuning + jnp.pi * self.change * inputs.warming**2)
+
+
+@effect("temperature_damping", "plate")
+class TemperatureDamping:
+    """The damping, 1 where the plant's reference temperature is, grows by `more` per degC above it."""
+
+    more: float = number(0.02, "1/degC")
+
+    def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:
+        damping = jnp.maximum(1 + self.more * inputs.warming, LEAST_DAMPED)
+        return motion._replace(tau=motion.tau / damping, drive=motion.drive / damping)
 
 
 @effect("duffing", "plate")

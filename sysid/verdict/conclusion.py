@@ -47,12 +47,14 @@ class FitProblem:
 class Judged(NamedTuple):
     """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning.
     `found`: what the logs hold to first order; `open`: an effect that is tried in full may explain it. Else
-    the cause is plain, or nothing is there. `looked`: all that was tried to first order."""
+    the cause is plain, or nothing is there. `apart`: each log is described, and they differ: that may be what
+    the plate does, and no log by itself. `looked`: all that was tried to first order."""
 
     wrong: list[Finding]
     doubts: list[Finding]
     found: list[Found]
     open: bool = False
+    apart: bool = False
     looked: Misfits = Misfits([], [])
 
 
@@ -143,7 +145,7 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
         return Judged(wrong, doubts, found, looked=looked)
     alike = likely and likely[0].log is None  # what is in all logs contradicts none
     if wrong and not alike and (apart := odd_ones(question.minimiser, question.trials, best)):
-        return Judged([apart], [], [])
+        return Judged([apart], [], found, True, True, looked)
     described = not (
         wrong or any(f.certain for f in found) or any(slow(best, i) for i in range(len(best.trials)))
     )
@@ -158,7 +160,7 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
         doubts = [*doubts, Finding("finger", "noted", carried)]
     # Rows that are to be recorded again before anything is told of them.
     spoilt = any(f.key == "rows" for f in wrong)
-    return Judged(wrong, doubts, found, not described and not spoilt, looked)
+    return Judged(wrong, doubts, found, not described and not spoilt, looked=looked)
 
 
 def retold(

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from sysid.effects.number import Number
+from sysid.effects.plate import CURVED
 from sysid.minimum.minimise import State
 from sysid.model.span import inverted
 from sysid.model.theta import NAMES, carried
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import UNNAMED, Term
-from sysid.verdict.throughout import CURVED
 
 ENOUGH = 5.0  # log-likelihood: by chance in one of a thousand good fits
 PERHAPS = 3.0  # by chance in one of a hundred
@@ -51,7 +51,8 @@ class Found:
     def farthest(self) -> str:
         """Which of G, tau and f0 it moves most, and k_T where that is not one number."""
         return max(
-            (n for n in self.moves if n != "k_T" or self.name == CURVED), key=lambda n: abs(self.moves[n])
+            (n for n in self.moves if n != "k_T" or self.name == CURVED.name),
+            key=lambda n: abs(self.moves[n]),
         )
 
     @property

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import gammaincc
 
 from sysid.effects.effect import About, one_way
+from sysid.effects.plate import CURVED
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.verdict.averaged import Average, averaged
@@ -27,7 +28,6 @@ from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import RUNNING, terms
-from sysid.verdict.throughout import CURVED
 from sysid.verdict.timing import ASTRAY, LATE, at_changes
 from sysid.verdict.unexplained import left_of
 from sysid.verdict.wording import OFTEN, UNSAID
@@ -67,7 +67,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     views = LinearisedLog.each(state, reference)
     away = 0.0 if at is None else at - reference[1]
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
-    tried = terms(views, free, About.of(state, reference), away)
+    tried = terms(views, free, About.of(state, reference, away), away)
     found = fit.found(tried)
     if len(views) > 1 and not any(
         f.harmful and f.certain for f in found
@@ -88,7 +88,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
         for i, v in enumerate(views)
         if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None
     ]
-    found.sort(key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED), 3))
+    found.sort(key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED.name), 3))
     return Misfits(found, doubts, fit, tried)
 
 

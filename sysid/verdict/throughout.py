@@ -6,11 +6,9 @@ import numpy as np
 
 from sysid.model.theta import FINGER
 from sysid.rows.hold import contact, force_of
-from sysid.trials.trial import LEAST_WARMING
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
 
-CURVED = "curved"
 ANOTHER_LAW = (
     "the effect of the finger grows with its force by another law than that of the contact area, which is"
     " fitted, so that"
@@ -22,7 +20,6 @@ def of_all(views: list[LinearisedLog], away: float, free: Sequence[str]) -> Iter
     """What every log would hold: the plate's own nonlinearity, the amplifier's, what changes with
     temperature; parameters are reported `away` (degC) from the logs' mean temperature."""
     yield from _finger(views, free)
-    yield from _curved(views, away, free)
     yield from _temperature(views, away)
 
 
@@ -47,30 +44,6 @@ def _temperature(views: list[LinearisedLog], away: float) -> Iterator[Term]:
                 i: v.derivatives[:, k : k + 1] * w for i, (v, w) in enumerate(zip(views, warm, strict=True))
             }
             yield Term("temperature", shapes, _per_degree(symbol), beside=(symbol, away))
-
-
-def _curved(views: list[LinearisedLog], away: float, free: Sequence[str]) -> Iterator[Term]:
-    """A resonance f0 + k_T (T - T0) + k_T2 (T - T0)^2 about the temperature T0 at which f0 and k_T are told,
-    where three temperatures or more show it; in half bandwidths at the warmest, so that more than a first
-    order tells of is seen."""
-    warm = {
-        i: v.course.hold.warming[v.course.hold.interval] - away
-        for i, v in enumerate(views)
-        if v.trial.resonant
-    }
-    if "k_T" not in free or len(warm) < 1:
-        return
-    told = np.concatenate([w if np.ptp(w) > LEAST_WARMING else w[:1] for w in warm.values()])
-    if len(np.unique(np.round(told / LEAST_WARMING))) < 3:
-        return
-
-    def say(value: np.ndarray, _: np.ndarray) -> str:
-        return (
-            f"f0 is not linear in the temperature: k_T changes by {2 * value[0]:+.2g} Hz/degC per degC; fit"
-            " logs of a narrower range of temperatures, about that of use, or record some nearer to it"
-        )
-
-    yield Term(CURVED, {i: views[i].along(2j * np.pi * w**2)[:, None] for i, w in warm.items()}, say)
 
 
 def _per_degree(symbol: str) -> Callable[[np.ndarray, np.ndarray], str]:
