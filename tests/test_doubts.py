@@ -26,6 +26,14 @@ def test_temperatures_that_seem_to_be_kelvin_are_asked_for(save, temperature, do
     assert not log.warnings  # they are said to be
 
 
+@pytest.mark.parametrize(("hertz", "doubts"), [(32.29, True), (32290.0, False)])
+def test_a_transient_within_a_period_asks_whether_its_frequency_is_in_kilohertz(save, hertz, doubts):
+    """24 ms are 0.77 periods of 32.29 Hz."""
+    rows = "".join(f"{1e-4 * k:.4f},{100 * (k > 20)},{k / 240},0.1\n" for k in range(240))
+    (log,) = read_logs(save(f"# frequency_Hz: {hertz}\ntime_s,voltage_V,wd_um,wq_um\n{rows}"))
+    assert any("call it frequency_kHz" in said for said in log.warnings) == doubts
+
+
 @pytest.mark.parametrize("wrong", [85.0, 0.0, -127.0])
 def test_readings_of_a_sensor_that_was_not_ready_are_left_out(save, wrong):
     """Of a temperature that creeps, beside a set point that is another from the middle on."""

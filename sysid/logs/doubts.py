@@ -1,5 +1,5 @@
-"""What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, readings
-of a sensor that was not ready, one channel of two that was not recorded, and a phase that is one but for a
+"""What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, frequencies
+that seem to be kilohertz, readings of a sensor that was not ready, one channel of two that was not recorded, and a phase that is one but for a
 half turn; and an oscillation instead of its amplitude."""
 
 import dataclasses
@@ -30,10 +30,10 @@ THERE = 0.1  # of the largest response: of less a phase may be noise
 
 def doubted(log: "Log", celsius: bool = True) -> "Log":
     """The log, without readings of its thermometer that are none, and with a warning of these, and where its
-    temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin or one channel of its response
-    was not recorded. Raises LogError where that is one of a sweep."""
+    temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin, its frequency to be in kHz, or
+    one channel of its response was not recorded. Raises LogError where that is one of a sweep."""
     _refuse_oscillation(log)
-    return _kelvin(_recorded(_ready(log)), celsius)
+    return _kelvin(_kilohertz(_recorded(_ready(log))), celsius)
 
 
 def unfolded(name: str, plan: Plan, arrays: MutableMapping[str, tuple[np.ndarray, str]]) -> Plan:
@@ -67,6 +67,21 @@ def _kelvin(log: "Log", celsius: bool) -> "Log":
     return _warned(
         log, f"its temperature is taken as {typical:.4g} degC; are these kelvin? then call it temperature_K"
     )
+
+
+def _kilohertz(log: "Log") -> "Log":
+    """With a warning where a transient lasts less than a period of its frequency, in which no demodulator tells
+    d and q."""
+    if log.kind == "steady" or log.frequency is None or log.time is None or not len(log):
+        return log
+    hertz, lasts = float(np.median(log.frequency)), float(np.ptp(log.time))
+    if not 0 < hertz * lasts < 1:
+        return log
+    said = (
+        f"its frequency is taken as {hertz:.5g} Hz, of which its rows last less than a period; is it in kHz? then"
+        " call it frequency_kHz"
+    )
+    return _warned(log, said)
 
 
 def _ready(log: "Log") -> "Log":
