@@ -1,6 +1,6 @@
 """What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, frequencies
-that seem to be kilohertz, readings of a sensor that was not ready, one channel of two that was not recorded, and a phase that is one but for a
-half turn; and an oscillation instead of its amplitude."""
+that seem to be kHz, readings of a sensor that was not ready, one channel of two that was not recorded, and a
+phase that is one but for a half turn; and an oscillation instead of its amplitude."""
 
 import dataclasses
 from collections.abc import MutableMapping
@@ -70,16 +70,16 @@ def _kelvin(log: "Log", celsius: bool) -> "Log":
 
 
 def _kilohertz(log: "Log") -> "Log":
-    """With a warning where a transient lasts less than a period of its frequency, in which no demodulator tells
-    d and q."""
+    """With a warning where a transient lasts less than a period of its frequency, in which no demodulator
+    tells d and q."""
     if log.kind == "steady" or log.frequency is None or log.time is None or not len(log):
         return log
     hertz, lasts = float(np.median(log.frequency)), float(np.ptp(log.time))
     if not 0 < hertz * lasts < 1:
         return log
     said = (
-        f"its frequency is taken as {hertz:.5g} Hz, of which its rows last less than a period; is it in kHz? then"
-        " call it frequency_kHz"
+        f"its frequency is taken as {hertz:.5g} Hz, of which its rows last less than a period; is it in kHz?"
+        " then call it frequency_kHz"
     )
     return _warned(log, said)
 
