@@ -1,6 +1,6 @@
-"""What a log's own numbers say against the way it is written: temperatures that seem to be kelvin, frequencies
-that seem to be kHz, readings of a sensor that was not ready, one channel of two that was not recorded, and a
-phase that is one but for a half turn; and an oscillation instead of its amplitude."""
+"""What a log's own numbers say against the way it is written: temperatures that seem to be kelvin,
+frequencies that seem to be kHz, readings of a sensor that was not ready, one channel of two that was not
+recorded, and a phase that is one but for a half turn; and an oscillation instead of its amplitude."""
 
 import dataclasses
 from collections.abc import MutableMapping
