@@ -34,7 +34,7 @@ verdict    result finding identify wording recorder unexplained flank fitted det
            sensor_delay amplitude_offset differing term firstorder timing between throughout terms linear averaged misfit
            inconsistent_log conjugate_phase conclusion ownership decay bench comparison
 reading
-adoption   description search adopt
+adoption   description point search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each

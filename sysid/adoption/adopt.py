@@ -21,7 +21,8 @@ from itertools import combinations
 import numpy as np
 
 from sysid.adoption.description import RIVAL, Description, Group, Instance
-from sysid.adoption.search import LEVEL, NEARLY, Search
+from sysid.adoption.point import LEVEL, Points
+from sysid.adoption.search import NEARLY, Search
 from sysid.effects.effect import About, Effect
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
@@ -61,7 +62,7 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     each = instances(state.trials, names)
     away = 0.0 if looked.fit is None else looked.fit.away
     about = About.of(state, minimiser.reference, away)
-    adoption = _Adoption(Search(minimiser, state, about), looked.found)
+    adoption = _Adoption(Search(Points(minimiser, state, about)), looked.found)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
     before, named, count = None, None, sum(map(len, here))
@@ -92,7 +93,7 @@ class _Adoption:
     """What is known of effects that were tried beside what the first order `found`."""
 
     def __init__(self, search: Search, found: Sequence[Found]):
-        self.search, self.before, self.found = search, search.alone, found
+        self.search, self.before, self.found = search, search.points.alone, found
         self.alone: list[Description] = []  # of effects by themselves
         self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
 
@@ -140,10 +141,10 @@ class _Adoption:
         """The same of a log that is another plate's, with parameters of its own, which to first order may
         seem worth less than they are."""
         if i not in self.contradicting:
-            search, whole = self.search, range(len(self.search.trials))
-            parts = [tuple(search.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
-            each = [search.minimiser.refine(part, search.alone.theta, LEVEL) for part in parts]
-            self.contradicting[i] = _most(sum(s.likelihood for s in each) + search.base, len(search.names))
+            points, whole = self.search.points, range(len(self.search.points.trials))
+            parts = [tuple(points.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
+            each = [points.minimiser.refine(part, points.alone.theta, LEVEL) for part in parts]
+            self.contradicting[i] = _most(sum(s.likelihood for s in each) + points.base, len(points.names))
         return self.contradicting[i]
 
     def cause(self, best: Description) -> bool:

@@ -1,0 +1,203 @@
+"""Logs read with effects of given numbers: the minimum of all else there, and what is seen from it.
+
+An effect's numbers u stand outside of the fit of the plant. At each u the log is read as with the effect, and
+all else is fitted as ever. The Gauss-Newton step of plant and numbers together has the columns
+
+    d model/d u = (model(u + h) - model(u - h)) / 2h
+
+beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, the other way round). Their
+joint information gives the errors: what the numbers leave open of the plant is added to its covariance.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.adoption.description import Instance
+from sysid.effects.effect import About, plain
+from sysid.minimum.minimise import ESTIMATED, Minimiser, State
+from sysid.model.theta import NAMES
+from sysid.trials.rounds import Rounds
+from sysid.trials.trial import Trial, with_noise
+from sysid.verdict.linear import Linear
+from sysid.verdict.linearised import LinearisedLog
+
+LEVEL = Rounds(1, white=True)  # what is compared
+APART = 0.05  # prior standard deviations, by which optima differ
+NEAR = 0.05  # standard deviations, which matter to nothing
+DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Numbers of effects, and the minimum of all else there."""
+
+    instances: tuple[Instance, ...]
+    numbers: np.ndarray
+    state: State
+    cost: float
+
+
+class Looked(NamedTuple):
+    """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
+    (6, 6), and what the step gains, to second order."""
+
+    step: np.ndarray
+    covariance: np.ndarray
+    dispersion: np.ndarray
+    gain: float
+
+
+class Points:
+    """Of logs at a minimum."""
+
+    def __init__(self, minimiser: Minimiser, state: State, about: About):
+        self.minimiser, self.alone, self.about = minimiser, its_own(state), about
+        self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
+        self.looked = cache(self.look)  # a point is looked at where a search begins, ends and is weighed
+
+    @cached_property
+    def names(self) -> list[str]:
+        """Of the plant's parameters that are fitted."""
+        return [n for n in NAMES if n in self.minimiser.free]
+
+    @cached_property
+    def base(self) -> float:
+        """Cost of the plant alone, as that of a description is counted."""
+        return self.at((), np.zeros(0), self.alone).cost
+
+    def at(
+        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, rounds: Rounds = LEVEL
+    ) -> Point:
+        """With these effects, at the minimum near another, or on the way to it."""
+        state = self.refined(instances, numbers, near, rounds)
+        return Point(instances, numbers, state, self.cost(instances, numbers, state))
+
+    def applied(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> tuple[Trial, ...]:
+        """The logs read as with these effects, of a plate that moves as it does in a state near by."""
+        fed = [t.bench.fed for t in near.trials]
+        read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]
+        for instance, part in zip(instances, self.parts(instances), strict=True):
+            for i in instance.where:
+                read[i] = instance.effect.applied(read[i], numbers[part], self.about)
+        return tuple(read)
+
+    def parts(self, instances: Sequence[Instance]) -> list[slice]:
+        """Where each one's numbers stand."""
+        ends = np.cumsum([0, *(len(self.stds([x])) for x in instances)])
+        return [slice(a, b) for a, b in pairwise(ends)]
+
+    def stds(self, instances: Sequence[Instance]) -> np.ndarray:
+        """Prior standard deviations of the numbers."""
+        each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
+        return np.concatenate(each) if each else np.zeros(0)
+
+    def refined(
+        self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds
+    ) -> State:
+        """The minimum near another, with these effects and white noise of the levels there; in one round: so
+        costs compare."""
+        state = self.begun(instances, numbers, near, rounds)
+        return state if fed(near) else its_own(state)
+
+    def begun(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds) -> State:
+        """The same where what is fed beside its plates is known."""
+        read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
+        return self.minimiser.refine(
+            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, rounds
+        )
+
+    def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
+        """The best minimum that the logs, read with these effects, lead to by themselves."""
+        return its_own(self.minimiser.minima(self.applied(instances, numbers, self.alone))[0])
+
+    def in_colour(
+        self,
+        instances: tuple[Instance, ...],
+        numbers: np.ndarray,
+        near: State,
+        trials: tuple[Trial, ...] = (),
+    ) -> Point:
+        """The minimum near another with the noise that is there, whatever its colour; its logs read as
+        `trials`, or as there."""
+        state = self.minimiser.refine(trials or near.trials, near.theta, ESTIMATED)
+        state = state if fed(near) else its_own(state)
+        return Point(instances, numbers, state, self.cost(instances, numbers, state))
+
+    def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
+        """- log likelihood of what was recorded and - log prior of the numbers."""
+        stretched = 0.0
+        for x, part in zip(instances, self.parts(instances), strict=True):
+            for i in x.where:
+                trial, about = self.seen_from(state, i)
+                stretched += x.effect.stretched(trial, numbers[part], about)
+        return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood - stretched
+
+    def seen_from(self, state: State, i: int) -> tuple[Trial, About]:
+        """A log as it was recorded, and what is known of it, from a plate and a bench near by."""
+        return replace(self.trials[i], bench=state.trials[i].bench), self.about._replace(theta=state.theta)
+
+    def sensible(
+        self, instances: Sequence[Instance], numbers: np.ndarray, stds: np.ndarray, state: State
+    ) -> bool:
+        """Whether all numbers, with these standard deviations, are those of their effects."""
+        own = state.G * self.about.drive / self.about.top if "G" in self.names else 1.0
+        each = zip(instances, self.parts(instances), strict=True)
+        return all(x.effect.seen(numbers[part], stds[part], own) for x, part in each)
+
+    def differ(self, a: Point, b: Point) -> bool:
+        """Whether points of the same effects differ by their numbers and by what they make of the logs: two
+        modes may have changed places."""
+        each = zip(a.state.trials, a.state.models, b.state.models, strict=True)
+        models = any(np.max(np.abs(m - other)) > NEAR * t.noise.std for t, m, other in each)
+        return models and bool(np.any(np.abs(a.numbers - b.numbers) > APART * self.stds(a.instances)))
+
+    def look(self, point: Point, coloured: bool = False) -> Looked:
+        """What is seen from a point. `coloured`: by the noise as it is found there, else as if it were
+        white."""
+        instances, numbers, state = point.instances, point.numbers, point.state
+        views = LinearisedLog.each(state, self.minimiser.reference, coloured)
+        linear, stds = Linear(views, state, self.names, 0.0), self.stds(instances)
+        rows = self.columns(instances, numbers, state, views)
+        cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
+        score = sum(x.T @ v.r for x, v in zip(rows, views, strict=True)) - numbers / stds**2
+        own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
+        known, axes = np.linalg.eigh(own * np.outer(stds, stds))
+        covariance = (axes / np.maximum(known, 1.0)) @ axes.T * np.outer(stds, stds)  # no less than the prior
+        by = linear.inverse @ cross
+        index = [NAMES.index(n) for n in self.names]
+        dispersion = np.zeros((len(NAMES), len(NAMES)))
+        dispersion[np.ix_(index, index)] = by @ covariance @ by.T
+        score = score - by.T @ linear.slope
+        gain = 0.5 * float(score @ covariance @ score)
+        sloped = np.concatenate([[x.effect.hop is None] * len(self.stds([x])) for x in instances] or [[]])
+        return Looked(sloped * (covariance @ score), covariance, dispersion, gain)
+
+    def columns(
+        self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[LinearisedLog]
+    ) -> list[np.ndarray]:
+        """Of each log the derivatives of its rows by the numbers (n, d), off what its nuisances can make."""
+        step = DIFFERENCE * self.stds(instances)
+        found = [np.zeros((len(v.r), len(numbers))) for v in views]
+        for instance, part in zip(instances, self.parts(instances), strict=True):
+            for k in range(part.start, part.stop):
+                away = step[k] * np.eye(len(numbers))[k]
+                above, below = (self.applied(instances, numbers + way, state) for way in (away, -away))
+                for i in instance.where:
+                    change = (views[i].modelled(above[i]) - views[i].modelled(below[i])) / (2 * step[k])
+                    found[i][:, k] = views[i].off(change)
+        return found
+
+
+def fed(state: State) -> bool:
+    """Whether it is known what is fed beside its plates."""
+    return any(np.any(t.bench.fed) for t in state.trials)
+
+
+def its_own(state: State) -> State:
+    """The same with all that its logs show taken for motions of their plates."""
+    return replace(state, trials=tuple(t.with_bench(fed=0.0) for t in state.trials))
