@@ -68,6 +68,7 @@ def test_units_are_those_of_the_keys(scene_file):
         ("tau_ms = 1.669", "tau_ms = -1", "plant: .*both above zero"),
         ("frequency_kHz = 32.3\n", "", "no profile of the frequency"),
         ("force_mN = {ramp = [[5e-3, 0], [10e-3, 1500]]}", "", "finger_damping and no force"),
+        ("[effects.finger_damping]", "[effects.curved]", "curved and no temperature"),
         (
             "[effects.finger_damping]",
             "[effects.finger_detuning]",
@@ -173,6 +174,8 @@ def test_every_effect_is_listed_with_defaults_that_a_scene_takes(capsys, scene_f
     for table in tables:
         text = bare + ("[effects.finger_damping]\n" if "finger_detuning]" in table else "") + table
         text = text.replace("voltage_V", "duty") if "inverter]" in table else text
+        warm = "curved]" in table or "temperature_damping]" in table
+        text = text.replace("frequency_kHz", "temperature_degC = 30\nfrequency_kHz") if warm else text
         Scene.from_toml(scene_file(text))
 
 

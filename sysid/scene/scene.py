@@ -156,6 +156,7 @@ def _contradictions(scene: Scene) -> Iterator[str]:
     if scene.substeps < 1 or scene.substeps > MOST_STEPS:
         yield f"found {scene.substeps} steps between rows, expected 1 to {MOST_STEPS}"
     yield from _of_fingers(scene)
+    yield from _of_warmth(scene)
     yield from _of_what_moves(scene)
 
 
@@ -182,6 +183,13 @@ def _of_fingers(scene: Scene) -> Iterator[str]:
             "found effects.finger_detuning without effects.finger_damping, expected both: the shift is a"
             " share of the damping"
         )
+
+
+def _of_warmth(scene: Scene) -> Iterator[str]:
+    """Effects of a temperature, in scenes that have none."""
+    for kind in (EFFECTS["curved"], EFFECTS["temperature_damping"]):
+        if scene.find(kind) and "temperature" not in scene.inputs:
+            yield f"found effects.{kind.name} and no temperature, expected inputs.temperature_degC"
 
 
 def _of_what_moves(scene: Scene) -> Iterator[str]:
