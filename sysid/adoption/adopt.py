@@ -207,7 +207,7 @@ def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tu
 
 def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int], least: float) -> list[Instance]:
     """Those that are about logs which are not described, and which show at `least` that share of what they
-    show of anything, to first order, or nothing to first order."""
+    show of anything, to first order; or of which the first order tells nothing, as they do nothing small."""
     fit = looked.fit
     if fit is None:
         return [x for x in each if not wrong.isdisjoint(x.where)]
@@ -217,6 +217,8 @@ def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int], least:
         names = (x.effect.name, *x.effect.known_as)
         here = [(name, gain) for name, log, gain in gains if log is None or log in x.where]
         own = [gain for name, gain in here if name in names]
+        if not own and x.effect.places is None:
+            continue  # it changes nothing in such logs, as of one temperature
         if not own or max(own) >= least * max(gain for _, gain in here):
             found.append(x)
     return found

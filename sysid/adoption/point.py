@@ -113,7 +113,7 @@ class Points:
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""
-        return its_own(self.minimiser.minima(self.applied(instances, numbers, self.alone))[0])
+        return its_own(self.minimiser.roughly(self.applied(instances, numbers, self.alone))[0])
 
     def in_colour(
         self,
