@@ -8,6 +8,9 @@ import numpy as np
 from sysid.tables.store import Store, library
 from sysid.tables.textfile import LogError
 
+# What the library raises of bytes that are none of its files.
+DAMAGED = (OSError, ValueError, KeyError, TypeError, NotImplementedError, MemoryError, OverflowError)
+
 
 def read_parquet(path: str, kind: str) -> Store:
     """The contents of a Parquet file. Raises LogError where it is damaged, or claims too many rows."""
@@ -17,15 +20,7 @@ def read_parquet(path: str, kind: str) -> Store:
         store.claim("the table", file.metadata.num_rows * file.metadata.num_columns)
         store.claimed = 0
         _enter(store, file.read())
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        NotImplementedError,
-        MemoryError,
-        OverflowError,
-    ) as error:
+    except DAMAGED as error:
         raise _damaged(path, "Parquet", error) from None
     return store
 
@@ -46,15 +41,7 @@ def read_feather(path: str, kind: str) -> Store:
             table = pyarrow.Table.from_batches(batches, reader.schema)
             table.validate(full=True)
             _enter(store, table)
-    except (
-        OSError,
-        ValueError,
-        KeyError,
-        TypeError,
-        NotImplementedError,
-        MemoryError,
-        OverflowError,
-    ) as error:
+    except DAMAGED as error:
         raise _damaged(path, "Feather", error) from None
     return store
 
