@@ -82,8 +82,7 @@ class Cells:
             return why
 
         def tests() -> Mapping[str, np.ndarray]:
-            others = [self._near(key, place) for place in places(bool(key[-1]))]
-            return Tests.of(near, self._near(key)[0], others)._asdict()
+            return Tests.of(near, [self._near(key, place) for place in places(bool(key[-1]))])._asdict()
 
         kept = arrays("tests", f"{self.inputs} {key.tolist()}", tests)
         return Template(near, Tests(**kept), bool(key[-1]))
