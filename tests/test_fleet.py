@@ -18,6 +18,7 @@ from conftest import study
 import sysid
 from sysid.command.fleet import main
 from sysid.fleet.groups import grouped
+from sysid.fleet.settings import Settings
 
 
 def plant(seed):
@@ -126,6 +127,25 @@ def test_a_log_that_changed_is_fitted_again(made, folder, tmp_path):
     before = pd.read_csv(made[1] / "fleet.csv")
     changed = table["seconds"].to_numpy() != before["seconds"].to_numpy()
     assert list(table["plate"][changed]) == ["P1"]
+
+
+def test_a_run_that_grows_is_weighed_as_one(tmp_path):
+    """A row is of a run of up to so many plates: one that comes to them within is fitted beside what is done;
+    beyond, all are weighed anew, unless each is fitted by itself."""
+    logs = {f"P{seed}": [step(seed)] for seed in range(5)}
+    some = lambda count: {name: logs[name] for name in [*logs][:count]}  # noqa: E731
+
+    def fitted(count, lane):
+        found = []
+        sysid.fit_fleet(
+            some(count), folder=tmp_path / str(lane), jobs=0, lane=lane, meanwhile=lambda *c: found.append(c)
+        )
+        return len(found)
+
+    assert [fitted(count, True) for count in (3, 4, 4, 5)] == [3, 1, 0, 5]
+    assert [fitted(count, False) for count in (3, 4, 5)] == [3, 1, 1]
+    for count, of in ((1, 1), (2, 2), (3, 4), (1000, 1024), (1024, 1024), (1025, 2048)):
+        assert Settings().of_run(count).plates == of
 
 
 def test_the_table_is_what_fit_and_sample_say():

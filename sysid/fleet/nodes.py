@@ -37,10 +37,7 @@ def _on(degree: int, along: float) -> np.ndarray:
     """Padua's points of a degree, there on the last axis."""
     each = ((j, k) for j in range(degree + 1) for k in range(degree + 2) if (j + k) % 2 == 0)
     return np.array(
-        [
-            (0.5 * np.cos(np.pi * j / degree), 0.5 * np.cos(np.pi * k / (degree + 1)), along)
-            for j, k in each
-        ]
+        [(0.5 * np.cos(np.pi * j / degree), 0.5 * np.cos(np.pi * k / (degree + 1)), along) for j, k in each]
     )
 
 
