@@ -234,6 +234,36 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_done(tmp_path, monkeypatch):
     assert list(run()["plate"]) == [*logs] and fitted == [5, 6, 7, 8, 9, 10]
 
 
+def as_table(log, plate, name):
+    """The rows of a log in a table of many plates."""
+    recorded = {
+        "time_s": log.time,
+        "voltage_V": log.drive,
+        "frequency_Hz": log.frequency,
+        "temperature_degC": log.temperature,
+        "wd_um": log.response.real,
+        "wq_um": log.response.imag,
+    }
+    known = {name: values for name, values in recorded.items() if values is not None}
+    return pd.DataFrame({"plate": plate, "log": name, "sampling": log.sampling} | known)
+
+
+def test_many_plates_in_one_parquet_file(tmp_path):
+    """The rows are those of the logs, to the last bit; a plate without a response, and rows of no plate, are
+    rows with a sentence."""
+    logs = {f"P{seed}": [step(seed), sweep(seed)] for seed in range(3)}
+    parts = [as_table(log, plate, k) for plate, own in logs.items() for k, log in enumerate(own)]
+    mute, nameless = as_table(step(3), "P3", 0), as_table(step(4), None, 0)
+    mute[["wd_um", "wq_um"]] = np.nan
+    pd.concat([*parts, mute, nameless]).to_parquet(tmp_path / "all.parquet")
+    table = sysid.fit_fleet([tmp_path], jobs=0).set_index("plate")
+    own = sysid.fit_fleet(logs, jobs=0).set_index("plate")
+    numbers = [f"{name}{more}" for name in ("G", "tau", "f0") for more in ("", "_std")]
+    np.testing.assert_array_equal(table.loc[[*logs], numbers], own[numbers])
+    assert list(table.index) == [*logs, "P3", str(tmp_path / "all.parquet")]
+    assert "response" in table["error"].iloc[3] and "without a plate" in table["error"].iloc[4]
+
+
 class TestGroups:
     def files(self, where, *names):
         for name in names:
