@@ -16,9 +16,9 @@ from sysid.fleet.tests import Tests
 from sysid.kept import arrays
 from sysid.logs.log import Log
 
-# width of a cell: in log tau and in half bandwidths, of which the nodes follow tests in its corners to a
-# twentieth of their noise; in the logarithm of narrowed priors over the noise, which tests follow in
-# proportion; factors of noise over the response, by which no more than priors of the bench differ, and of
+# width of a cell: in log tau and in half bandwidths, of which the nodes follow half of the tests to 0.04 of
+# their noise, and those that change by leaps, as of rows that are clipped, to 0.2 to 0.5; in the logarithm of
+# narrowed priors over the noise, which tests follow in proportion; factors of noise over the response, by which no more than priors of the bench differ, and of
 # that of a log over that of the first
 WIDTHS = (0.4, 0.8, 1.4, 4.0, 2.0)
 BLOCK = (
