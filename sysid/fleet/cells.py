@@ -18,8 +18,8 @@ from sysid.logs.log import Log
 
 # width of a cell: in log tau and in half bandwidths, of which the nodes follow half of the tests to 0.04 of
 # their noise, and those that change by leaps, as of rows that are clipped, to 0.2 to 0.5; in the logarithm of
-# narrowed priors over the noise, which tests follow in proportion; factors of noise over the response, by which no more than priors of the bench differ, and of
-# that of a log over that of the first
+# narrowed priors over the noise, which tests follow in proportion; factors of noise over the response, by
+# which no more than priors of the bench differ, and of that of a log over that of the first
 WIDTHS = (0.4, 0.8, 1.4, 4.0, 2.0)
 BLOCK = (
     3  # cells along each axis that have terms in common: with those beside it a middle has neighbours only
