@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -252,6 +253,8 @@ def test_many_plates_in_one_parquet_file(tmp_path):
     """The rows are those of the logs, to the last bit; a plate without a response, and rows of no plate, are
     rows with a sentence."""
     logs = {f"P{seed}": [step(seed), sweep(seed)] for seed in range(3)}
+    weak = step(2)  # at half of the drive that the others have
+    logs["P2"][0] = replace(weak, drive=0.5 * weak.drive, response=0.5 * weak.response)
     parts = [as_table(log, plate, k) for plate, own in logs.items() for k, log in enumerate(own)]
     mute, nameless = as_table(step(3), "P3", 0), as_table(step(4), None, 0)
     mute[["wd_um", "wq_um"]] = np.nan
