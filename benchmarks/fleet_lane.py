@@ -200,7 +200,7 @@ def throughput(plates: int = 256, repeat: int = 5) -> str:
 
 def _turns(rows: int, pair: bool, plates: int, repeat: int) -> str:
     """One row of that table."""
-    seeds, settings = range(plates), Settings()
+    seeds, settings = range(plates), Settings().of_run(plates)
     some, truth = groups(seeds, rows, pair), truths(seeds)
     kept = {row["plate"] for row in rows_of(some, settings) if row["way"] == "batch"}
     clean = [group for group in some if group.plate in kept]
@@ -236,7 +236,7 @@ def _solved(some: Sequence[Group]) -> float:
             batch = lane.fit_together(plates[k : k + size])
             cells = lane.cells_of(key, plates[0][1])
             lefts = [residual(log, batch.step) for log in batch.logs]
-            screened(batch, lefts, cells)
+            screened(batch, lefts, cells, plates=len(plates))
         taken += time.perf_counter() - begun
     return taken
 

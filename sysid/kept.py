@@ -10,8 +10,8 @@ import os
 import pickle
 import platform
 import tempfile
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -73,20 +73,51 @@ def arrays(
     name: str, identity: str, make: Callable[[], Mapping[str, "np.ndarray"]]
 ) -> dict[str, "np.ndarray"]:
     """The arrays that `make()` gives, or those of that `identity` that are kept."""
-    import numpy as np
-
     if (where := folder()) is None:
         return dict(make())
     whole = f"{_machine('sysid')} {identity}"
     path = where / f"{name}-{sha256(whole.encode()).hexdigest()}"
+    if found := _arrays(path):
+        return found
+    with _alone(path):
+        return _arrays(path) or _made(path, make)
+
+
+def _arrays(path: Path) -> "dict[str, np.ndarray]":
+    """Those in the file; none where it is not there, or not whole."""
+    import numpy as np
+
     if (content := _content(path)) is not None:
         with suppress(Exception), np.load(io.BytesIO(content)) as found:
             return {key: found[key] for key in found.files}
+    return {}
+
+
+def _made(path: Path, make: Callable[[], Mapping[str, "np.ndarray"]]) -> "dict[str, np.ndarray]":
+    """What `make()` gives, which is kept."""
+    import numpy as np
+
     file, made = io.BytesIO(), dict(make())
     np.savez(file, **made)  # type: ignore[arg-type]
     with suppress(Exception):  # no room, or no right
         _put(path, file.getvalue())
     return made
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """While one process makes a file, others that want it wait; a lock ends with its process. Where there are
+    no locks, each makes it."""
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            place = path.with_name(f".lock-{path.name}")
+            file = stack.enter_context(open(place, "w"))
+            stack.callback(place.unlink, missing_ok=True)
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 class _Loaded:

@@ -41,7 +41,7 @@ posterior  accuracy diagnostics estimate mixture foreseen planning surrogate tar
 report     text canvas logplots residualplots plateplots loopplots plots costs screen dryrun html
            traces zoom brief frames inference
 scene      profile lanes effects engine scene timeline auto carrier simulation toml cli
-fleet      groups settings plate arrays closed batch delayed nodes near tests template cells screen differ told lane parts engine table robust tails halves
+fleet      many groups settings plate arrays closed batch delayed nodes near tests template cells screen differ told lane parts engine table robust tails halves
            lot odd words pictures page run
 command    refusal line clock bill outputs kept sets costcurve arguments check presets fleet cli commands
 __main__

@@ -7,6 +7,7 @@ import os
 import re
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from conftest import study
 import sysid
 from sysid.command.fleet import main
 from sysid.fleet.groups import grouped
+from sysid.fleet.settings import Settings
 
 
 def plant(seed):
@@ -128,6 +130,25 @@ def test_a_log_that_changed_is_fitted_again(made, folder, tmp_path):
     assert list(table["plate"][changed]) == ["P1"]
 
 
+def test_a_run_that_grows_is_weighed_as_one(tmp_path):
+    """A row is of a run of up to so many plates: one that comes to them within is fitted beside what is done;
+    beyond, all are weighed anew, unless each is fitted by itself."""
+    logs = {f"P{seed}": [step(seed)] for seed in range(5)}
+    some = lambda count: {name: logs[name] for name in [*logs][:count]}  # noqa: E731
+
+    def fitted(count, lane):
+        found = []
+        sysid.fit_fleet(
+            some(count), folder=tmp_path / str(lane), jobs=0, lane=lane, meanwhile=lambda *c: found.append(c)
+        )
+        return len(found)
+
+    assert [fitted(count, True) for count in (3, 4, 4, 5)] == [3, 1, 0, 5]
+    assert [fitted(count, False) for count in (3, 4, 5)] == [3, 1, 1]
+    for count, of in ((1, 1), (2, 2), (3, 4), (1000, 1024), (1024, 1024), (1025, 2048)):
+        assert Settings().of_run(count).plates == of
+
+
 def test_the_table_is_what_fit_and_sample_say():
     logs = [step(1), sweep(1)]
     told = sysid.sample(sysid.fit(logs), seed=0, accuracy="quick").summary()["tau"]
@@ -212,6 +233,38 @@ def test_a_full_disk_ends_the_run_and_keeps_what_is_done(tmp_path, monkeypatch):
     assert fitted == [1, 2, 3, 4] and len(list((tmp_path / "parts").iterdir())) == 4
     monkeypatch.setattr(os, "fsync", sync)
     assert list(run()["plate"]) == [*logs] and fitted == [5, 6, 7, 8, 9, 10]
+
+
+def as_table(log, plate, name):
+    """The rows of a log in a table of many plates."""
+    recorded = {
+        "time_s": log.time,
+        "voltage_V": log.drive,
+        "frequency_Hz": log.frequency,
+        "temperature_degC": log.temperature,
+        "wd_um": log.response.real,
+        "wq_um": log.response.imag,
+    }
+    known = {name: values for name, values in recorded.items() if values is not None}
+    return pd.DataFrame({"plate": plate, "log": name, "sampling": log.sampling} | known)
+
+
+def test_many_plates_in_one_parquet_file(tmp_path):
+    """The rows are those of the logs, to the last bit; a plate without a response, and rows of no plate, are
+    rows with a sentence."""
+    logs = {f"P{seed}": [step(seed), sweep(seed)] for seed in range(3)}
+    weak = step(2)  # at half of the drive that the others have
+    logs["P2"][0] = replace(weak, drive=0.5 * weak.drive, response=0.5 * weak.response)
+    parts = [as_table(log, plate, k) for plate, own in logs.items() for k, log in enumerate(own)]
+    mute, nameless = as_table(step(3), "P3", 0), as_table(step(4), None, 0)
+    mute[["wd_um", "wq_um"]] = np.nan
+    pd.concat([*parts, mute, nameless]).to_parquet(tmp_path / "all.parquet")
+    table = sysid.fit_fleet([tmp_path], jobs=0).set_index("plate")
+    own = sysid.fit_fleet(logs, jobs=0).set_index("plate")
+    numbers = [f"{name}{more}" for name in ("G", "tau", "f0") for more in ("", "_std")]
+    np.testing.assert_array_equal(table.loc[[*logs], numbers], own[numbers])
+    assert list(table.index) == [*logs, "P3", str(tmp_path / "all.parquet")]
+    assert "response" in table["error"].iloc[3] and "without a plate" in table["error"].iloc[4]
 
 
 class TestGroups:

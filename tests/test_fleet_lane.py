@@ -180,7 +180,7 @@ def test_a_feedthrough_that_may_be_a_delay_widens_g_as_the_single_fit_has_it(pla
         logs[str(k)] = fed_through(k, share, phase + 0.1 * rng.standard_normal())
     rows, beside = told(logs), told({str(k): made("both", k) for k in plates})
     assert [row["way"] for row in rows.values()].count("batch") >= 0.95 * len(plates)
-    off, errors, wider = [], [], []
+    off, errors, wider, others = [], [], [], 0
     for name, ours in rows.items():
         single = row_of(Group(name, tuple(logs[name])), Settings())
         wider.append(ours["parameters"]["G"]["std"] / beside[name]["parameters"]["G"]["std"])
@@ -191,10 +191,11 @@ def test_a_feedthrough_that_may_be_a_delay_widens_g_as_the_single_fit_has_it(pla
                 max(abs(q[number] - p[number]) for number in ("std", "ci95_low", "ci95_high")) / p["std"]
             )
         assert (ours["result"], ours["warnings"]) == (single["result"], single["warnings"])
-        assert but_for_digits(ours["notes"]) == but_for_digits(single["notes"])
-        assert [(f["key"], f["outcome"], f["logs"]) for f in ours["findings"]] == [
-            (f["key"], f["outcome"], f["logs"]) for f in single["findings"]
-        ]
+        same = but_for_digits(ours["notes"]) == but_for_digits(single["notes"])
+        told_of = [[(f["key"], f["outcome"], f["logs"]) for f in r["findings"]] for r in (ours, single)]
+        others += not same or told_of[0] != told_of[1]
+    # an effect of which a log tells hardly enough for a hint, by numbers of a plate nearly this one
+    assert others <= 0.05 * len(plates)
     assert np.mean(np.array(off) < 0.02) > 0.85 and np.quantile(off, 0.95) < 0.1
     # what an error spans goes with the exponential of numbers that are those of a plate nearly this one
     assert np.mean(np.array(errors) < 0.02) > 0.85
@@ -373,7 +374,8 @@ def test_what_may_be_chance_is_warned_of_as_the_single_fit_has_it():
         for parameter in ("G", "tau", "f0"):
             a, b = row["parameters"][parameter], single["parameters"][parameter]
             assert a["value"] == pytest.approx(b["value"], abs=0.05 * b["std"])
-            assert a["std"] == pytest.approx(b["std"], rel=0.1)
+        error, single_error = (r["parameters"]["f0"]["std"] for r in (row, single))  # which it moves
+        assert error == pytest.approx(single_error, rel=0.1)
 
 
 def test_errors_span_what_those_of_the_single_fit_do(unfitted):
@@ -446,3 +448,26 @@ def test_the_tests_of_a_cell_are_those_of_plates_away_from_its_middle():
 
     moved, still = (np.abs(np.array(by_cell(away)) - own) for away in (corner - key[:AXES], np.zeros(AXES)))
     assert np.median(moved) < 0.05 and np.median(moved) < 0.25 * np.median(still)
+
+
+def test_a_warning_says_how_rare_it_is_by_chance():
+    """One number of a test that the single fit is sure of, from 5 in log-likelihood above what it has by
+    chance, of one of a thousand such
+    fits; of 4096 plates from 8.3 on."""
+    logs = made("sweep", 3)
+    cells = cells_of(layout(logs), logs)
+    batch = fit_together([(Group("one", logs), logs)])
+    template = cells.template(cells.keys(batch)[0])
+    share = nodes.shares(np.zeros((1, AXES)), template.narrowed)
+    at = Placed(share, template.sizes(share), *np.ones((3, 1, 3)))
+    k = next(k for k, x in enumerate(template.tried) if x.term.name == "duffing")
+
+    def warned(more, plates):
+        numbers = np.zeros((1, len(template.tests.values)))
+        numbers[0, template.begins[k]] = np.sqrt(2 * (template.tried[k].chance + more))
+        return template.doubt(template.found(numbers, at, plates)[0])
+
+    for plates in (1, 4096):
+        assert "in one good fit of a hundred; " in warned(4.0, plates).sentence
+    assert warned(7.0, 1) is None and warned(9.0, 4096) is None  # certain
+    assert "in one good fit of a thousand, and this run has up to 4096; " in warned(7.0, 4096).sentence

@@ -4,6 +4,7 @@ leaves unloaded."""
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
 
@@ -215,6 +216,22 @@ def test_arrays_are_made_once_and_anew_where_they_are_damaged(folder, monkeypatc
     assert same(kept.arrays("x", "one", make)) and len(calls) == 3
     monkeypatch.setenv(kept.SWITCH, "off")
     assert same(kept.arrays("x", "one", make)) and len(calls) == 4
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such locks")
+def test_arrays_that_many_want_at_once_are_made_once(folder, monkeypatch):
+    calls = []
+
+    def make():
+        calls.append(1)
+        time.sleep(0.2)
+        return {"a": np.arange(3.0)}
+
+    monkeypatch.setenv(kept.SWITCH, str(folder))
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: kept.arrays("x", "one", make)["a"].tolist(), range(4)))
+    assert found == [[0.0, 1.0, 2.0]] * 4 and len(calls) == 1
+    assert len(list(folder.iterdir())) == 1  # no lock is left
 
 
 def test_what_was_not_used_for_longest_goes_first(keepable, folder, monkeypatch):

@@ -1,6 +1,8 @@
 """What is seen beside the plate: another mode, a second time constant, a feedthrough of the drive, a sloping
 background."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from sysid.effects.effect import (
@@ -47,7 +49,13 @@ def _second(trial: Trial, place: float, width: float, drift: float, about: About
     at its first row."""
     theta = about.theta + np.array([0.0, width, *(about.half_bandwidth * np.array([place, drift])), 0.0, 0.0])
     theta[NAMES.index("G")] = np.log(_unseen(place, width, about) / about.drive)
-    course = LogResponse.of(trial, about.reference, theta)
+    return _mode(trial, about.reference, tuple(theta.tolist()))
+
+
+@lru_cache(maxsize=1)  # for both of its quadratures
+def _mode(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]) -> np.ndarray:
+    """(n,) response of a plate at theta."""
+    course = LogResponse.of(trial, reference, np.array(theta))
     return course.forced if trial.driven else course.free
 
 

@@ -3,6 +3,7 @@ stays."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -24,14 +25,20 @@ Law = Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray]]
 def _softly(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
     """L atanh(|y|/L)/|y|, of a limiter L tanh(|W|/L): to first order 1 + c (|y|/y_max)^2, c of which is what
     is taken off the largest row over what is left of it."""
-    share = np.linspace(0.0, 1.0, 2000)[:-1]  # of L
-    grown = np.append(1.0, np.arctanh(share[1:]) / share[1:])
+    share, grown = _limited()
     top = float(np.interp(1 + abs(taken), grown, share))
     x = np.minimum(size, 1.0) * top
     found = np.divide(np.arctanh(x), x, out=np.ones_like(x), where=x > 0)
     if taken < 0:  # it grows
         return 1 / found, 2 / found - 1 / (found**2 * (1 - x**2))
     return found, 1 / (1 - x**2)
+
+
+@cache
+def _limited() -> tuple[np.ndarray, np.ndarray]:
+    """|y|/L of that limiter, and |W|/|y|."""
+    share = np.linspace(0.0, 1.0, 2000)[:-1]
+    return share, np.append(1.0, np.arctanh(share[1:]) / share[1:])
 
 
 def _hard(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
@@ -44,9 +51,7 @@ def _clipped(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
     """A sensor whose range C ends below the peaks of its carrier: of A sin(x) it shows the fundamental
     y = (2/pi) (A asin(C/A) + C sqrt(1 - C^2/A^2)) (Gelb & Vander Velde, Multiple-Input Describing Functions,
     1968, 2.3)."""
-    over = np.geomspace(1.0, 100.0, 1000)  # A/C
-    seen = 2 / np.pi * (over * np.arcsin(1 / over) + np.sqrt(1 - over**-2.0))
-    slope = 2 / np.pi * (np.arcsin(1 / over) - np.sqrt(1 - over**-2.0) / over)
+    over, seen, slope = _peaks()
     share = 1 / (1 + max(taken, 0.0))
     top = float(np.interp(-share, -seen / over, over))
     relative = size * share * top
@@ -54,6 +59,14 @@ def _clipped(size: np.ndarray, taken: float) -> tuple[np.ndarray, np.ndarray]:
     whole = np.where(beyond, np.interp(relative, seen, over), relative)
     steeper = np.where(beyond, 1 / np.interp(whole, over, np.maximum(slope, 1e-3)), 1.0)
     return whole / np.maximum(relative, 1e-300), steeper
+
+
+@cache
+def _peaks() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A/C of that sensor, |y|/C, and its slope."""
+    over = np.geomspace(1.0, 100.0, 1000)
+    seen = 2 / np.pi * (over * np.arcsin(1 / over) + np.sqrt(1 - over**-2.0))
+    return over, seen, 2 / np.pi * (np.arcsin(1 / over) - np.sqrt(1 - over**-2.0) / over)
 
 
 def _saturated(law: Law, each: bool) -> Effect:

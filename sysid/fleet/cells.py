@@ -16,10 +16,10 @@ from sysid.fleet.tests import Tests
 from sysid.kept import arrays
 from sysid.logs.log import Log
 
-# width of a cell: in log tau and in half bandwidths, of which the nodes follow tests in its corners to a
-# twentieth of their noise; in the logarithm of narrowed priors over the noise, which tests follow in
-# proportion; factors of noise over the response, by which no more than priors of the bench differ, and of
-# that of a log over that of the first
+# width of a cell: in log tau and in half bandwidths, of which the nodes follow half of the tests to 0.04 of
+# their noise, and those that change by leaps, as of rows that are clipped, to 0.2 to 0.5; in the logarithm of
+# narrowed priors over the noise, which tests follow in proportion; factors of noise over the response, by
+# which no more than priors of the bench differ, and of that of a log over that of the first
 WIDTHS = (0.4, 0.8, 1.4, 4.0, 2.0)
 BLOCK = (
     3  # cells along each axis that have terms in common: with those beside it a middle has neighbours only
@@ -82,8 +82,7 @@ class Cells:
             return why
 
         def tests() -> Mapping[str, np.ndarray]:
-            others = [self._near(key, place) for place in places(bool(key[-1]))]
-            return Tests.of(near, self._near(key)[0], others)._asdict()
+            return Tests.of(near, [self._near(key, place) for place in places(bool(key[-1]))])._asdict()
 
         kept = arrays("tests", f"{self.inputs} {key.tolist()}", tests)
         return Template(near, Tests(**kept), bool(key[-1]))

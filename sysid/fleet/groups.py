@@ -4,13 +4,14 @@ names."""
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import stated
+from sysid.fleet import many
 from sysid.logs.alike import Alike
 from sysid.logs.log import Log
 from sysid.logs.opening import expanded, opened
@@ -85,15 +86,17 @@ def parted(given: Sequence[Given], by: str, mapping: MappingFile | None, beside:
     strange: list[Given] = []
     for item, root in _files(given, beside):
         try:
-            name = _plate(item, root if len(given) == 1 else None, by, sure, mapping)
+            for name, logs, why in _plates(item, root if len(given) == 1 else None, by, sure, mapping):
+                if why:
+                    refused.append(Group(name or _called(item), (item,), why))
+                elif name is None:
+                    (strange if sure else nameless).append(item)
+                else:
+                    found.setdefault(name, []).extend(logs)
         except LogError as error:  # a row of its own: a file that cannot be read states no plate
             refused.append(Group(str(item), (item,), str(error)))
-            continue
-        if name is None:
-            (strange if sure else nameless).append(item)
-        else:
-            found.setdefault(name, []).append(item)
     _check(found, nameless, strange, by)
+    refused = [replace(g, plate=f"{g.plate} in {g.logs[0]}") if g.plate in found else g for g in refused]
     refused += [Group(_called(item), (item,), _nameless(item)) for item in nameless]
     refused += [
         Group(_called(item), (item,), f"{_called(item)}: its name does not fit {by!r}") for item in strange
@@ -146,6 +149,18 @@ def within(root: Path, beside: Path | None) -> list[str]:
         )
         files += (os.path.join(folder, name) for name in sorted(logs))
     return files
+
+
+def _plates(
+    item: Given, root: Path | None, by: str, sure: re.Pattern[str] | None, mapping: MappingFile | None
+) -> Iterator[tuple[str | None, Sequence[Given], str]]:
+    """The plates of one log, or of one table of many, as `many.plates` has them. Raises LogError for a file
+    that cannot be read."""
+    table = None if by != PLATE or mapping is not None or isinstance(item, Log) else many.plates(item)
+    if table is None:
+        yield _plate(item, root, by, sure, mapping), (item,), ""
+    else:
+        yield from table
 
 
 def _plate(

@@ -16,7 +16,6 @@ import numpy as np
 from sysid.fleet.groups import Group
 from sysid.fleet.plate import Row, read, read_ahead, row_of
 from sysid.fleet.settings import Settings
-from sysid.posterior.accuracy import NAMES
 
 if TYPE_CHECKING:
     from sysid.fleet.batch import Batch
@@ -57,7 +56,7 @@ def rows_together(
     """The rows of the plates of a batch that are fitted with others; each other one is `passed` on, with the
     reason why."""
     alike: dict[tuple, list[Plate]] = {}
-    closed = _closed(settings)
+    closed = settings.alone
     if not closed and settings.columns is None and batch:
         begin(batch[0])
         read_ahead([item for group in batch if not group.refused for item in group.logs])
@@ -86,15 +85,6 @@ def together(logs: "Sequence[Log]") -> int:
     from sysid.fleet.arrays import here
 
     return max(min(here().plates, here().rows // max(map(len, logs))), 1)
-
-
-def _closed(settings: Settings) -> str:
-    """Why no plate is fitted with others; "" where they may be."""
-    if not settings.lane:
-        return "the lane is off"
-    if settings.accuracy != NAMES[0] or settings.full is not None:
-        return "each plate's own posterior is asked for"
-    return "nuisances or priors are stated" if settings.nuisances is not None or settings.priors else ""
 
 
 def layout(logs: "Sequence[Log]") -> tuple | str:

@@ -103,7 +103,8 @@ class Near(NamedTuple):
         ]
         of_each = {(t.name, t.log): chance for t, chance in zip(every, chances, strict=False)}
         for i, view in enumerate(views):
-            known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about)]
+            plain = [t for t in every if t.name in CHANNELS and t.log == i]
+            known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about, plain)]
         fit.look([t for t, _, phase in known if phase is not None])
         scored = zip(known, fit.scored([t for t, *_ in known]), strict=True)
         return cls(fit, [Trying(t, s, chance, phase) for (t, chance, phase), s in scored if s], views)
@@ -196,12 +197,14 @@ def _minimum(
     return replace(state, covariance=covariance, alone=covariance), views
 
 
-def _turned(i: int, view: LinearisedLog, about: About) -> list[tuple[Term, tuple[int, int] | None]]:
+def _turned(
+    i: int, view: LinearisedLog, about: About, plain: list[Term]
+) -> list[tuple[Term, tuple[int, int] | None]]:
     """Effects of single channels of one log, in the plate's frame: they look different as the demodulator is
-    turned, for each of PHASES rotations."""
+    turned, for each of PHASES rotations; `plain` as it is."""
     found: list[tuple[Term, tuple[int, int] | None]] = []
-    turns, log, each = [np.exp(0.5j * np.pi * k / PHASES) for k in range(PHASES)], view.trial.log, []
-    for turn in turns:
+    log, each = view.trial.log, [plain]
+    for turn in [np.exp(0.5j * np.pi * k / PHASES) for k in range(1, PHASES)]:
         turned = copy(view)
         turned.trial = replace(view.trial, log=log.again(turn * log.response))
         turned.model, turned.turn = turn * view.model, turn * view.turn

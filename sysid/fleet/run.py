@@ -4,7 +4,6 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,7 +73,7 @@ def fit_fleet(
         plates = grouped(
             groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
         )
-        settings = replace(settings, plates=len(plates))
+        settings = settings.of_run(len(plates))
         parts, engine = Parts(place / PARTS), partial(_engine, jobs, scheduler)
         frame = _fitted(plates, settings, parts, engine, meanwhile)
         rows = lambda plates: parts.of(plates, settings)  # noqa: E731

@@ -161,11 +161,11 @@ class Screened(NamedTuple):
         said, doubts = (list[Finding | None]([None] * count) for _ in range(2))
         return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts)
 
-    def look(self, template: Template, rows: Rows, here: np.ndarray, at: Placed, enough: float) -> None:
+    def look(self, template: Template, rows: Rows, here: np.ndarray, at: Placed, plates: int) -> None:
         """At these plates (p,) of all (P,), which are `at` their place in a cell, with the tests of its
         template; `rows` (P, R) are of all."""
         numbers = template.numbers(rows, here, at)
-        for p, found in zip(here.tolist(), template.found(numbers, at, enough), strict=True):
+        for p, found in zip(here.tolist(), template.found(numbers, at, plates), strict=True):
             self.doubts[p] = template.doubt(found) if found else None
             if found and self.doubts[p] is None and not self.why[p]:
                 self.why[p] = found[-1].name
@@ -215,8 +215,8 @@ def screened(
         phases.append(np.rint(PHASES * quarter).astype(int) % PHASES)
         for reason, which in _of_bench(batch, log, turn):
             say(which, reason)
-    wider, enough = wider + np.zeros((len(why), len(FREE))), max(ENOUGH, np.log(plates))
-    found = _by_template(batch, lefts, np.stack(phases, axis=1), cells, wider, enough)
+    wider = wider + np.zeros((len(why), len(FREE)))
+    found = _by_template(batch, lefts, np.stack(phases, axis=1), cells, wider, plates)
     return found._replace(why=np.where(why == "", found.why, why))
 
 
@@ -236,9 +236,9 @@ def _by_template(
     phases: np.ndarray,
     cells: Cells,
     wider: np.ndarray,
-    enough: float,
+    plates: int,
 ) -> Screened:
-    """By the single fit's own terms, which are certain from `enough` on."""
+    """By the single fit's own terms, of one of so many `plates`."""
     places, keys, rows = cells.places(batch), cells.keys(batch), None
     away, powers = (places - keys[:, :AXES]), cells.powers(batch, keys)
     found = Screened.nothing(batch)
@@ -260,7 +260,7 @@ def _by_template(
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
         at = Placed(share, template.sizes(share), phases[here], powers[here], wider[here])
-        found.look(template, rows, here, at, enough)
+        found.look(template, rows, here, at, plates)
     return found
 
 

@@ -4,7 +4,7 @@ be the same."""
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -17,8 +17,8 @@ from sysid.posterior.accuracy import NAMES
 class Settings:
     """`columns`: a mapping file; `nuisances`, `priors` and `reference_temperature` as `sysid.fit` takes them
     (None: its own); `accuracy` and `seed` as `sysid.sample` does; `full`: a folder for each plate's own set
-    of files; `plates`: so many of the run, by which it is weighed what may be chance. Raises ValueError for
-    an accuracy that is none."""
+    of files; `plates`: up to so many are of the run, by which it is weighed what may be chance. Raises
+    ValueError for an accuracy that is none."""
 
     accuracy: str = NAMES[0]
     seed: int = 0
@@ -34,6 +34,20 @@ class Settings:
         if self.accuracy not in NAMES:
             raise ValueError(f"found accuracy {self.accuracy!r}, expected one of {', '.join(NAMES)}")
 
+    def of_run(self, count: int) -> "Settings":
+        """Those of a run of so many plates. It is weighed as one of the next power of two, so that a run to
+        which a few plates come weighs them as those that are done, and one that doubles weighs all anew."""
+        return replace(self, plates=1 << max(count - 1, 0).bit_length())
+
+    @property
+    def alone(self) -> str:
+        """Why no plate is fitted with others; "" where they may be."""
+        if not self.lane:
+            return "the lane is off"
+        if self.accuracy != NAMES[0] or self.full is not None:
+            return "each plate's own posterior is asked for"
+        return "nuisances or priors are stated" if self.nuisances is not None or self.priors else ""
+
     @property
     def given(self) -> dict[str, Any]:
         """The keywords of `sysid.fit`."""
@@ -44,7 +58,8 @@ class Settings:
     def digest(self) -> str:
         """Of all that a row depends on beside its logs: these settings, the mapping file's bytes, and the
         program's own text. Raises LogError for a mapping file that is none."""
-        told = asdict(self) | {"full": self.full is not None, "plates": None}  # more of them may come later
+        told = asdict(self) | {"full": self.full is not None}
+        told["plates"] = None if self.alone else self.plates  # of which a plate by itself knows nothing
         if self.columns is not None:
             from sysid.columns.mapfile import load_mapping
 

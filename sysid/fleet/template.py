@@ -112,18 +112,21 @@ class Template:
     def _weights(self) -> tuple[Rows, Rows]:
         return there(self.tests.basis.astype(float)), there(self._all.reshape(len(self._all), -1))
 
-    def found(self, numbers: np.ndarray, at: Placed, enough: float = ENOUGH) -> list[list[Found]]:
+    def found(self, numbers: np.ndarray, at: Placed, plates: int = 1) -> list[list[Found]]:
         """What the logs of plates at these places hold beside the model, or that would move their parameters
-        far if they do, by the thresholds of `misfits`, but that it is certain from `enough` on; `numbers` (P,
-        q) of all tests."""
+        far if they do, by the thresholds of `misfits`, but that it is certain where chance makes as much in
+        less than one plate of `plates`; `numbers` (P, q) of all tests."""
         worth = 0.5 * np.add.reduceat(numbers**2, self.begins, axis=1)
         found: list[list[Found]] = [[] for _ in numbers]
+        enough = max(ENOUGH, float(np.log(plates)))
         for p, k in zip(*np.nonzero((worth > self._chance + PERHAPS) & self._here(at.phases)), strict=True):
             x, u = self.tried[k], self._own(numbers, k)[p]
-            scored, certain = x.at(at.share[p], at.power[p]), bool(worth[p, k] >= x.chance + enough)
+            scored, more = x.at(at.share[p], at.power[p]), float(worth[p, k] - x.chance)
+            certain, rare = more >= enough, more >= ENOUGH
             moves = dict(zip(FREE, (scored.moves @ u / at.wider[p]).tolist(), strict=True))
             said = x.term.say(scored.values @ u, scored.errors)
-            new = Found(said or "", worth[p, k], moves, x.term.name, x.term.log, x.term.freedom, certain)
+            named = x.term.name, x.term.log, x.term.freedom
+            new = Found(said or "", worth[p, k], moves, *named, certain, plates=plates if rare else 1)
             if said is not None and (certain or new.harmful):
                 found[p].append(new)
         return found

@@ -1,5 +1,5 @@
-"""The tests of a cell in its middle and at its nodes, as arrays that can be kept: the single fit's own terms,
-linearised there."""
+"""The tests of a cell at its nodes, as arrays that can be kept: the single fit's own terms, linearised
+there."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,7 +15,7 @@ RANK = 1e-2  # of a test's size, less than which of it is left out: of its numbe
 
 
 class Tests(NamedTuple):
-    """The tests of a cell, side by side, q numbers of all of them: in its middle `values` (q, M), of each
+    """The tests of a cell, side by side, q numbers of all of them: at its first node `values` (q, M), of each
     number those of a coefficient, and `usual` (q,), as `linear.Scored` has them. At its N nodes `weights` (k,
     N, q) of a `basis` (R, k), whose products with rows they are; `moves` (N, 3, q), what they move; `larger`
     (N, K), by what the variance of what is usual is larger there, as a logarithm; `second` (N, logs, 3): by
@@ -32,12 +32,15 @@ class Tests(NamedTuple):
     refused: np.ndarray
 
     @classmethod
-    def of(cls, terms: Near, middle: Near | None, others: "Sequence[tuple[Near | None, str]]") -> "Tests":
-        """Of these `terms` in the middle of a cell and at its nodes. What there is not in the middle is as
-        it is where the terms are of, and what there is not at a node as it is in the middle."""
-        known = _known(terms, middle or terms)
+    def of(cls, terms: Near, nodes: "Sequence[tuple[Near | None, str]]") -> "Tests":
+        """Of these `terms` at the nodes of a cell. What there is not at the first is as it is where the terms
+        are of, and what there is not at another as it is at the first."""
+        first = nodes[0][0] or terms
+        known = _known(terms, first)
         own = [(*k.fit.rows(k.term, k.scored), 0.0) for k in known]
-        found = [own if near is None else _elsewhere(terms, known, near, own) for near, _ in others]
+        found = [
+            own if near is None or near is first else _elsewhere(terms, known, near, own) for near, _ in nodes
+        ]
         rows, moves, larger = ([[test[part] for test in tests] for tests in found] for part in range(3))
         values = [_in_units(x.term, k) for x, k in zip(terms.tried, known, strict=True)]
         most = max(len(v) for v in values)
@@ -50,8 +53,8 @@ class Tests(NamedTuple):
             parts,
             np.array([np.concatenate(each, axis=1) for each in moves]),
             np.array(larger),
-            np.array([_second(near or middle or terms) for near, _ in others]),
-            np.array([why for _, why in others]),
+            np.array([_second(near or first) for near, _ in nodes]),
+            np.array([why for _, why in nodes]),
         )
 
 
@@ -66,13 +69,13 @@ class _Known(NamedTuple):
 Elsewhere = tuple[np.ndarray, np.ndarray, float]
 
 
-def _known(terms: Near, middle: Near) -> list[_Known]:
-    """The terms, in the middle."""
+def _known(terms: Near, first: Near) -> list[_Known]:
+    """The terms, at the first node."""
     found = []
-    for x, term in zip(terms.tried, matched(terms, middle), strict=True):
-        scored = middle.fit.scored([term])[0] if term else None
+    for x, term in zip(terms.tried, matched(terms, first), strict=True):
+        scored = first.fit.scored([term])[0] if term else None
         if term and scored and scored.values.shape == x.scored.values.shape:
-            found.append(_Known(middle.fit, term, scored))
+            found.append(_Known(first.fit, term, scored))
         else:
             found.append(_Known(terms.fit, x.term, x.scored))
     return found
@@ -81,7 +84,7 @@ def _known(terms: Near, middle: Near) -> list[_Known]:
 def _elsewhere(
     terms: Near, known: Sequence[_Known], other: Near, own: Sequence[Elsewhere]
 ) -> list[Elsewhere]:
-    """Of each term rows, moves and how much larger what is usual is, `own` in the middle."""
+    """Of each term rows, moves and how much larger what is usual is, `own` at the first node."""
     found = []
     for k, term, here in zip(known, matched(terms, other), own, strict=True):
         if term is None:
@@ -89,7 +92,7 @@ def _elsewhere(
             continue
         rows, moves = other.fit.rows(term, k.scored)
         (scored,) = other.fit.scored([term])
-        # in numbers of the middle's test, whatever axes either has: the trace is that of coefficients
+        # in numbers of the first's test, whatever axes either has: the trace is that of coefficients
         before = np.sum(k.scored.usual * np.sum(rows**2, axis=0))
         found.append((rows, moves, float(np.log(np.sum(scored.usual) / before)) if scored else 0.0))
     return found
@@ -114,7 +117,7 @@ def _compressed(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A basis (R, k) and in terms of it weights (R, N, q), each but for RANK of its size."""
     rows, *others = weights.shape
     flat = weights.reshape(rows, -1)
-    flat = flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
+    flat = (flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)).astype(np.float32)
     basis = np.linalg.eigh(flat @ flat.T)[1][:, ::-1]
     left = 1 - np.cumsum((basis.T @ flat) ** 2, axis=0)  # (R, N q)
     basis = basis[:, : 1 + int(np.count_nonzero(np.max(left, axis=1) > RANK**2))]

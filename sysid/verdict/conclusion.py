@@ -260,7 +260,8 @@ def _unharmed(found: Found) -> str:
     if not found.harmful:
         return "no parameter leaves its interval"
     moved = f"move {found.farthest} by {found.moves[found.farthest]:+.2g} of its standard deviations"
-    return f"perhaps: chance alone looks like this in one good fit of a hundred; it would {moved}"
+    often = "hundred" if found.plates == 1 else f"thousand, and this run has up to {found.plates}"
+    return f"perhaps: chance alone looks like this in one good fit of a {often}; it would {moved}"
 
 
 def _believed(fit: Fit, reference_temperature: float) -> list[str]:

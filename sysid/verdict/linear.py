@@ -46,6 +46,7 @@ class Found:
     explains: bool = True  # most of what neighbouring rows share, or all but what chance leaves of it
     numbers: dict[str, Number] = field(default_factory=dict)  # in units of the bench
     mostly: bool = False  # it is most of its logs, and nothing is told of them
+    plates: int = 1  # so many that it is no more than chance, though it would be certain of one
 
     @property
     def farthest(self) -> str:
