@@ -9,7 +9,7 @@ its middle: a fit that knows `width` allows for it. What an edge does to W depen
 there, by 1/(2 Q): a fit that knows `theta` allows for that.
 
 An edge of the drive is known to a sample, and the gain G to as large a part of tau: one in a thousand or
-less. Unless a delay is stated the response may be late by a block, `delay_std_s`, which leaves more of G open.
+less. Unless a delay is stated the response may be late by a block, `delay_std_s`: more of G is then open.
 """
 
 from collections.abc import Mapping
