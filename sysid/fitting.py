@@ -122,6 +122,8 @@ def _with_effects(
         states = _tight(minimiser, most.state, hung) if hung else minimiser.imaged([most.state])
         states = [replace(s, dispersion=wider) for s in states]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
+    if named and outcome.described:
+        judged = judged._replace(wrong=[*named], doubts=[])
     hung = confounds_gain(states[0], minimiser.reference, minimiser.free)
     return question, conclude(question, states, hung, judged), outcome.surely
 

@@ -47,13 +47,14 @@ TAKEN = 0.25
 @dataclass(frozen=True)
 class Outcome:
     """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
-    it explains most but not all, or `surely`; and which names, of the first order in which log, are
-    `refuted`."""
+    it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; and which
+    names, of the first order in which log, are `refuted`."""
 
     adopted: Description | None = None
     named: Description | None = None
     refuted: frozenset[tuple[str, int]] = field(default_factory=frozenset)
     surely: bool = False
+    described: bool = False
 
 
 def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str]) -> Outcome:
@@ -76,9 +77,9 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
         wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
         if ahead and best.white and best.state.converged and not wrong:
             if best.rough or _entangled(best):
-                return Outcome(None, best, adoption.refuted(best), True)
+                return Outcome(None, best, adoption.refuted(best), True, True)
             return Outcome(best)
-        cause = adoption.cause(best) or not wrong
+        cause = not wrong or (adoption.cause(best) and not best.event)
         if before is None and ahead and cause and not _mistaken(best, left.found):
             named = best
         if not best.explains(state, 1 - TAKEN):
@@ -127,8 +128,8 @@ class _Adoption:
 
     def _enough(self, best: Description, last: bool) -> bool:
         """Whether nothing else has to be tried beside it; `last`: but what may be anything."""
-        described = best.white and self.ahead(best) and not (best.vague and not last)
-        return best.sense and (described or (last and best.explains(self.before)))
+        described = best.white and self.ahead(best)
+        return best.sense and not best.vague and (described or (last and best.explains(self.before)))
 
     def ahead(self, best: Description) -> bool:
         """Whether it beats what the first order found of other kinds, that was not tried in full."""
@@ -197,12 +198,12 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
 
 
 def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], ...]:
-    """These effects as they are tried: the likely ones, the others, and last what may be anything, where a
-    single log is wrong: it does not happen to several."""
+    """These effects as they are tried: the likely ones, the others, and last what may be anything, in a log
+    that is wrong: its like in another is not looked for."""
     known = [x for x in each if x.effect.hop is None]
     likely, every = (groups(promising(known, looked, wrong, least), wrong) for least in (LIKELY, PROMISES))
-    anything = [x for x in each if x not in known and len(wrong) == 1 and wrong.issuperset(x.where)]
-    return likely, [x for x in every if x not in likely], groups(anything, wrong)
+    anything = [(x,) for x in each if x not in known and wrong.issuperset(x.where)]
+    return likely, [x for x in every if x not in likely], anything
 
 
 def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int], least: float) -> list[Instance]:

@@ -56,6 +56,11 @@ class Description(NamedTuple):
         return {i for x in self.instances for i in x.where}
 
     @property
+    def event(self) -> bool:
+        """Whether it is about what happened to a log, which is no cause of what others show."""
+        return any(x.effect.hop is not None for x in self.instances)
+
+    @property
     def vague(self) -> bool:
         """Whether with such numbers one of its effects may look like anything."""
         each = zip(self.instances, self.parts, strict=True)

@@ -145,7 +145,8 @@ class Points:
         self, instances: Sequence[Instance], numbers: np.ndarray, stds: np.ndarray, state: State
     ) -> bool:
         """Whether all numbers, with these standard deviations, are those of their effects."""
-        own = state.G * self.about.drive / self.about.top if "G" in self.names else 1.0
+        driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
+        own = max(1.0, driven)  # modes may take something away from one another
         each = zip(instances, self.parts(instances), strict=True)
         return all(x.effect.seen(numbers[part], stds[part], own) for x, part in each)
 

@@ -152,6 +152,7 @@ IMAGE = Effect(
     starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
     applied=_mirrored,
     numbers=shares,
+    vague=lambda values: True,  # half of what anything adds to d and q
     said=_mirrored_said,
     linear=(0, 1),
     scope="bench",
