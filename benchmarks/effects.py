@@ -1,168 +1,163 @@
-"""Effects of scenes, as fits find them.  python benchmarks/effects.py --seeds 10
+"""Effects of the registry, as fits find them.  python benchmarks/effects.py --seeds 3
 
-Each effect is put into simulated logs of one plate, small and clear, and these are fitted with the effects that logs may call for and
-without. Of each bench (a step, a sweep, both, three of each) and size the table says what was found ("-": nothing), how often the fit
-was successful, the largest |value - truth|/error of the determined G, tau and f0 of successful fits, before (without effects) and
+Each effect is put into logs of one plate, small and clear (`effects_made`), and these are fitted with the effects that logs may call for
+and without. Of each bench and size the table says what was found ("-": nothing; what is only noted is left out), how often the fit was
+successful, the largest |value - truth|/error of the determined G, tau and f0 (and k_T) of successful fits, before (without effects) and
 after, and the root mean square of those after.
 
-    --seeds N   of each (default 10)       --only NAME   effects whose name holds NAME; printed, not written
+    --seeds N      of each (default 3)
+    --only NAME    kinds whose name holds NAME
+    --cases FILE   a line of JSON of each fit is appended to it, and those that it holds are not made again: what was stopped goes on
+    --minutes M    after which it stops, and writes what there is
 
-Writes effects.md beside itself.
+Writes effects.md beside itself, unless --only is given.
 """
 
 import argparse
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import json
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 
 import numpy as np
+from effects_made import KINDS, SIZES, made, right
 
-from sysid import Fit, Log, Scene, fit
-from sysid.scene.effects import EFFECTS
+from sysid import Fit, fit
 from sysid.trials.trial import NUISANCES
 
-SCENES = Path(__file__).parents[1] / "data/synthetic/scenes/plate"
 WHERE = Path(__file__).with_suffix(".md")
-STEP, SWEEP = "step_100V_24C", "sweep_24C"
-BENCHES = {
-    "step": (STEP,),
-    "sweep": (SWEEP,),
-    "pair": (STEP, SWEEP),
-    "three of each": (STEP, "step_60V_27C", "step_140V_31C", SWEEP, "sweep_28C", "sweep_32C"),
-}
-HALF = 95.4  # Hz, half a bandwidth of the plate
-MOVING = ("delay", "lock_in")  # what settled points do not show
+FAR = 5.0  # errors: by chance in one of two million
+LONG = 30.0  # s of processor time of a fit
+FIRST_SEED = 50
+Case = dict  # kind, size, bench, seed; named, said, result, before, after, moved, seconds
 
 
-@dataclass(frozen=True)
-class Kind:
-    """An effect of scenes at two sizes, the names by which a fit may find it, and whether amplitudes alone are recorded."""
-
-    small: dict
-    clear: dict
-    found: tuple[str, ...]
-    name: str = ""
-    amplitude: bool = False
-
-
-KINDS = {
-    "nothing": Kind({}, {}, (), ""),
-    "delay": Kind({"time": 0.15e-3}, {"time": 0.5e-3}, ("delay", "filter"), "delay"),
-    "filter of one pole": Kind({"tau": 0.15e-3}, {"tau": 0.6e-3}, ("filter", "delay"), "lock_in"),
-    "filter of four poles": Kind(
-        {"tau": 40e-6, "order": 4}, {"tau": 150e-6, "order": 4}, ("filter", "delay"), "lock_in"
-    ),
-    "softening": Kind({"softening": 2.0}, {"softening": 30.0}, ("duffing",), "duffing"),
-    "second mode": Kind(
-        {"f0": 32300 + 4 * HALF, "G": 0.001},
-        {"f0": 32300 + 4 * HALF, "G": 0.008},
-        ("second_mode",),
-        "second_mode",
-    ),
-    "feedthrough, amplitudes": Kind(
-        {"d": 1e-4, "q": 2e-4}, {"d": 4e-4, "q": 2e-3}, ("feedthrough",), "feedthrough", True
-    ),
-    "saturation": Kind({"limit": 3.0}, {"limit": 1.9}, ("saturation",), "saturation"),
-}
-
-
-def simulated(bench: Sequence[str], kind: Kind, size: dict, seed: int) -> list[Log]:
-    """Logs of a bench with an effect of that size, as someone writes them down who does not know of it."""
-    logs = []
-    for k, name in enumerate(bench):
-        scene = Scene.from_toml(SCENES / f"{name}.toml")
-        if kind.name and not (scene.kind == "steady" and kind.name in (*MOVING, "duffing")):
-            kept = tuple(
-                e
-                for e in scene.effects
-                if e.name != kind.name and not (kind.amplitude and e.name == "offset")
-            )
-            scene = replace(scene, effects=(*kept, EFFECTS[kind.name](**size)))
-        log = replace(scene.simulate(seed * len(bench) + k), name=name, bench={}, force=None)
-        log = softened(log, scene, **size) if kind.name == "duffing" and scene.kind == "steady" else log
-        logs.append(replace(log, response=np.abs(log.response)) if kind.amplitude else log)
-    return logs
-
-
-def softened(log: Log, scene: Scene, softening: float) -> Log:
-    """Settled points of a plate whose resonance falls by `softening` |W|^2 (Hz), each on the branch of the one before: |W|^2 is a root
-    of a cubic. Scenes have no softening of settled points."""
-    plant, before, rows = scene.plant, 0.0, []
-    drive, warm = np.asarray(log.drive), np.asarray(log.temperature) - 24.0
-    linear = plant.G * drive / (1 + 2j * np.pi * plant.tau * (log.frequency - plant.f0 - plant.k_T * warm))
-    for f, volts, degC in zip(log.frequency, drive, warm, strict=True):
-        x, s = 2 * np.pi * plant.tau * np.array([f - plant.f0 - plant.k_T * degC, softening])
-        power = np.roots([s**2, 2 * s * x, 1 + x**2, -((plant.G * volts) ** 2)])
-        power = np.sort(power[np.abs(power.imag) < 1e-9 * np.max(np.abs(power))].real)
-        before = float(
-            power[np.argmin(np.abs(power[:: max(len(power) - 1, 1)] - before)) * max(len(power) - 1, 1)]
-        )
-        rows.append(plant.G * volts / (1 + 1j * (x + s * before)))
-    turn = np.vdot(linear, log.response)
-    return replace(log, response=log.response + turn / abs(turn) * (np.array(rows) - linear))
-
-
-def off(found: Fit, truth: dict[str, float]) -> list[float]:
-    """|value - truth|/error of what is determined."""
+def off(found: Fit, name: str, word: str) -> dict[str, float]:
+    """|value - truth|/error of what is determined, by the nearest of truths."""
     if found.result.name != "successful":
-        return []
-    known = {n: found.parameters[n] for n in truth if found.parameters[n].determined}
-    return [abs(p.value - truth[n]) / p.std for n, p in known.items()]
+        return {}
+    each = []
+    for truth in right(name, word, found.reference_temperature):
+        known = {n: found.parameters[n] for n in truth if found.parameters[n].determined}
+        each.append({n: round(abs(p.value - truth[n]) / p.std, 2) for n, p in known.items()})
+    return min(each, key=lambda z: max(z.values(), default=0.0))
 
 
-def row(bench: str, kind: Kind, size: dict, seeds: int) -> str:
-    """Cells of the table for one bench and size."""
-    names, before, after, right = Counter(), [], [], 0
-    for seed in range(seeds):
-        logs = simulated(BENCHES[bench], kind, size, seed + 50)
-        plant = Scene.from_toml(SCENES / f"{BENCHES[bench][0]}.toml").plant
-        found, without = fit(logs), fit(logs, nuisances=NUISANCES)
-        warm = found.reference_temperature
-        truth = {
-            "G": plant.G,
-            "tau": plant.tau,
-            "f0": plant.f0 + plant.k_T * ((24.0 if warm is None else warm) - 24.0),
-        }
-        before += off(without, truth)
-        after += off(found, truth)
-        right += found.result.name == "successful"
-        names[", ".join(f"{f.key} {f.outcome}" for f in found.findings if f.outcome != "noted") or "-"] += 1
+def case(name: str, word: str, bench: str, seed: int) -> Case:
+    logs, begun = made(name, word, bench, seed), time.process_time()
+    found = fit(logs)
+    seconds, without = time.process_time() - begun, fit(logs, nuisances=NUISANCES)
+    named = [f for f in found.findings if f.outcome != "noted"]
+    return {
+        "kind": name, "size": word, "bench": bench, "seed": seed,
+        "named": named[0].key if named else "-",
+        "said": ", ".join(f"{f.key} {f.outcome}" for f in named) or "-",
+        "result": found.result.name,
+        "before": off(without, name, word), "after": off(found, name, word),
+        "seconds": round(seconds, 1),
+    }  # fmt: skip
+
+
+def cells(only: str) -> Iterator[tuple[str, str, str]]:
+    for name, kind in KINDS.items():
+        for bench in kind.benches if only in name else ():
+            for word, _ in zip(SIZES, kind.sizes, strict=False):
+                yield name, word, bench
+
+
+def row(cases: list[Case]) -> str:
+    """Of one kind, size and bench."""
+    names = Counter(c["said"] for c in cases)
+    before, after = ([z for c in cases for z in c[when].values()] for when in ("before", "after"))
     said = "; ".join(f"{name} {n}" for name, n in names.most_common())
     worst = [f"{max(z):.1f}" if z else "-" for z in (before, after)]
     rms = f"{np.sqrt(np.mean(np.square(after))):.2f}" if after else "-"
-    return f"{said} | {right} of {seeds} | {worst[0]} | {worst[1]} | {rms}"
+    succeeded = sum(c["result"] == "successful" for c in cases)
+    first = cases[0]
+    at = f"{first['kind']} | {first['size'] if first['kind'] != 'nothing' else ''} | {first['bench']}"
+    return f"| {at} | {said} | {succeeded} of {len(cases)} | {worst[0]} | {worst[1]} | {rms} |"
 
 
-def rows(kinds: dict[str, Kind], seeds: int) -> Iterator[str]:
-    for name, kind in kinds.items():
-        for bench in BENCHES:
-            if (kind.amplitude and bench != "sweep") or (kind.name in MOVING and bench == "sweep"):
-                continue
-            for word, size in (("small", kind.small), ("clear", kind.clear)) if kind.name else (("", {}),):
-                line = f"| {name} | {word} | {bench} | {row(bench, kind, size, seeds)} |"
-                print(line, flush=True)
-                yield line
+def confusion(cases: Iterable[Case]) -> list[str]:
+    """What was named first of what was put in."""
+    counts: dict[str, Counter] = defaultdict(Counter)
+    for c in cases:
+        counts[f"{c['kind']} | {c['size'] if c['kind'] != 'nothing' else ''}"][c["named"]] += 1
+    names = [name for name, _ in sum(counts.values(), Counter()).most_common()]
+    rows = [
+        f"| {kind} | " + " | ".join(str(count[name] or "") for name in names) + " |"
+        for kind, count in counts.items()
+    ]
+    return [f"| put in | size | {' | '.join(names)} |", "|---" * (len(names) + 2) + "|", *rows]
+
+
+def listed(cases: Iterable[Case]) -> list[str]:
+    return [
+        f"- `made({c['kind']!r}, {c['size']!r}, {c['bench']!r}, {c['seed']})`: {c['said']}; {c['result']};"
+        f" {', '.join(f'{n} {z:.1f}' for n, z in c['after'].items())}; {c['seconds']:.0f} s"
+        for c in cases
+    ]
+
+
+def wrong(c: Case) -> bool:
+    """Whether a clear effect is named first as something else."""
+    found = KINDS[c["kind"]].found
+    return c["size"] == "clear" and c["named"] not in (*found, "-")
+
+
+def report(cases: list[Case], given: argparse.Namespace, every: list[tuple[str, str, str]]) -> str:
+    cell: dict[tuple, list[Case]] = defaultdict(list)
+    for c in cases:
+        cell[c["kind"], c["size"], c["bench"]].append(c)
+    missing = [", ".join(x) for x in every if x not in cell]
+    few = [", ".join(x) for x in every if 0 < len(cell[x]) < given.seeds]
+    far = [c for c in cases if max(c["after"].values(), default=0.0) > FAR]
+    return "\n".join([
+        "# Effects of the registry, as fits find them", "",
+        f"Made by `python benchmarks/effects.py --seeds {given.seeds}` on {date.today()}, seeds from {FIRST_SEED} on.", "",
+        f"Not made: {'; '.join(missing) or 'nothing'}.", "",
+        *([f"Of fewer seeds: {'; '.join(few)}.", ""] if few else []),
+        __doc__.partition("\n\n")[2].partition("    --seeds")[0].rstrip(), "",
+        "| effect | size | logs | found | successful | worst before | worst after | rms after |",
+        "|---|---|---|---|---|---|---|---|",
+        *(row(cell[x]) for x in every if cell[x]), "",
+        "## What was named first", "", *confusion(cases), "",
+        f"## Successful, and more than {FAR:g} errors off", "",
+        "`from effects_made import made; import sysid; print(sysid.fit(made(...)))` in `benchmarks/` makes one of them again.", "",
+        *(listed(far) or ["None."]), "",
+        "## A clear effect that is named first as something else", "", *(listed(filter(wrong, cases)) or ["None."]), "",
+        f"## Fits that took more than {LONG:g} s of processor time, compiling included", "",
+        *(listed(c for c in cases if c["seconds"] > LONG) or ["None."]), "",
+    ])  # fmt: skip
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only", default="")
-    given = parser.parse_args()
-    kinds = {name: kind for name, kind in KINDS.items() if given.only in name}
-    table = [
-        "# Effects of scenes, as fits find them", "",
-        f"Made by `python benchmarks/effects.py --seeds {given.seeds}` on {date.today()}.", "",
-        __doc__.partition("\n\n")[2].partition("    --seeds")[0],
-        "| effect | size | logs | found | successful | worst before | worst after | rms after |", "|---|---|---|---|---|---|---|---|",
-        *rows(kinds, given.seeds), "",
-    ]  # fmt: skip
+    parser.add_argument("--cases", type=Path)
+    parser.add_argument("--minutes", type=float, default=np.inf)
+    given, until = parser.parse_args(), time.monotonic()
+    every, until = list(cells(given.only)), until + 60 * given.minutes
+    kept = given.cases.read_text().splitlines() if given.cases and given.cases.exists() else []
+    cases = {(c["kind"], c["size"], c["bench"], c["seed"]): c for c in map(json.loads, kept)}
+    for x in every:
+        for seed in range(FIRST_SEED, FIRST_SEED + given.seeds):
+            if (*x, seed) in cases or time.monotonic() > until:
+                continue
+            cases[*x, seed] = case(*x, seed)
+            if given.cases:
+                with given.cases.open("a") as file:
+                    file.write(json.dumps(cases[*x, seed]) + "\n")
+        if these := [c for at, c in cases.items() if at[:3] == x]:
+            print(row(these), flush=True)
+    wanted = {(*x, FIRST_SEED + k) for x in every for k in range(given.seeds)}
     if not given.only:
-        WHERE.write_text("\n".join(table), encoding="utf-8")
+        WHERE.write_text(report([c for at, c in cases.items() if at in wanted], given, every))
 
 
 if __name__ == "__main__":
