@@ -1,13 +1,15 @@
 """Effects of the registry, as fits find them.  python benchmarks/effects.py --seeds 3
 
-Each effect is put into logs of one plate, small and clear (`effects_made`), and these are fitted with the effects that logs may call for
-and without. Of each bench and size the table says what was found ("-": nothing; what is only noted is left out), how often the fit was
-successful, the largest |value - truth|/error of the determined G, tau and f0 (and k_T) of successful fits, before (without effects) and
-after, and the root mean square of those after.
+Each effect is put into logs of one plate, small and clear (`effects_made`), and these are fitted with the
+effects that logs may call for and without. Of each bench and size the table says what was found ("-":
+nothing; what is only noted is left out), how often the fit was successful, the largest |value - truth|/error of the
+determined G, tau and f0 (and k_T) of successful fits, before (without effects) and after, and the root mean
+square of those after.
 
     --seeds N      of each (default 3)
     --only NAME    kinds whose name holds NAME
-    --cases FILE   a line of JSON of each fit is appended to it, and those that it holds are not made again: what was stopped goes on
+    --cases FILE   a line of JSON of each fit is appended to it, and those that it holds are not made again:
+                   what was stopped goes on
     --minutes M    after which it stops, and writes what there is
 
 Writes effects.md beside itself, unless --only is given.
@@ -15,6 +17,7 @@ Writes effects.md beside itself, unless --only is given.
 
 import argparse
 import json
+import signal
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
@@ -29,7 +32,7 @@ from sysid.trials.trial import NUISANCES
 
 WHERE = Path(__file__).with_suffix(".md")
 FAR = 5.0  # errors: by chance in one of two million
-LONG = 30.0  # s of processor time of a fit
+LONG, LONGEST = 30.0, 120.0  # s of processor time of a fit, and when it is stopped
 FIRST_SEED = 50
 Case = dict  # kind, size, bench, seed; named, said, result, before, after, moved, seconds
 
@@ -45,13 +48,30 @@ def off(found: Fit, name: str, word: str) -> dict[str, float]:
     return min(each, key=lambda z: max(z.values(), default=0.0))
 
 
+class StoppedError(BaseException):
+    """A fit that goes on."""
+
+
+def _stop(*_: object) -> None:
+    raise StoppedError
+
+
 def case(name: str, word: str, bench: str, seed: int) -> Case:
     logs, begun = made(name, word, bench, seed), time.process_time()
-    found = fit(logs)
+    at = {"kind": name, "size": word, "bench": bench, "seed": seed}
+    signal.signal(signal.SIGPROF, _stop)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
+    try:
+        found = fit(logs)
+    except StoppedError:
+        stopped = {"named": "stopped", "said": "stopped", "result": "stopped", "before": {}, "after": {}}
+        return {**at, **stopped, "seconds": LONGEST}
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
     seconds, without = time.process_time() - begun, fit(logs, nuisances=NUISANCES)
     named = [f for f in found.findings if f.outcome != "noted"]
     return {
-        "kind": name, "size": word, "bench": bench, "seed": seed,
+        **at,
         "named": named[0].key if named else "-",
         "said": ", ".join(f"{f.key} {f.outcome}" for f in named) or "-",
         "result": found.result.name,
@@ -67,9 +87,13 @@ def cells(only: str) -> Iterator[tuple[str, str, str]]:
                 yield name, word, bench
 
 
+def _said(c: Case) -> str:
+    return f"- ({c['result']})" if c["said"] == "-" and c["result"] != "successful" else c["said"]
+
+
 def row(cases: list[Case]) -> str:
     """Of one kind, size and bench."""
-    names = Counter(c["said"] for c in cases)
+    names = Counter(_said(c) for c in cases)
     before, after = ([z for c in cases for z in c[when].values()] for when in ("before", "after"))
     said = "; ".join(f"{name} {n}" for name, n in names.most_common())
     worst = [f"{max(z):.1f}" if z else "-" for z in (before, after)]
@@ -95,16 +119,16 @@ def confusion(cases: Iterable[Case]) -> list[str]:
 
 def listed(cases: Iterable[Case]) -> list[str]:
     return [
-        f"- `made({c['kind']!r}, {c['size']!r}, {c['bench']!r}, {c['seed']})`: {c['said']}; {c['result']};"
-        f" {', '.join(f'{n} {z:.1f}' for n, z in c['after'].items())}; {c['seconds']:.0f} s"
+        f"- `made({c['kind']!r}, {c['size']!r}, {c['bench']!r}, {c['seed']})`: {_said(c)}; {c['result']};"
+        f" {', '.join(f'{n} {z:.1f}' for n, z in c['after'].items()) or '-'}; {c['seconds']:.0f} s"
         for c in cases
     ]
 
 
 def wrong(c: Case) -> bool:
-    """Whether a clear effect is named first as something else."""
-    found = KINDS[c["kind"]].found
-    return c["size"] == "clear" and c["named"] not in (*found, "-")
+    """Whether a clear effect is named first as something else, or spoils the fit without a name."""
+    silent = c["named"] == "-" and c["result"] == "successful"
+    return c["size"] == "clear" and not silent and c["named"] not in KINDS[c["kind"]].found
 
 
 def report(cases: list[Case], given: argparse.Namespace, every: list[tuple[str, str, str]]) -> str:
@@ -116,7 +140,8 @@ def report(cases: list[Case], given: argparse.Namespace, every: list[tuple[str, 
     far = [c for c in cases if max(c["after"].values(), default=0.0) > FAR]
     return "\n".join([
         "# Effects of the registry, as fits find them", "",
-        f"Made by `python benchmarks/effects.py --seeds {given.seeds}` on {date.today()}, seeds from {FIRST_SEED} on.", "",
+        f"Made by `python benchmarks/effects.py --seeds {given.seeds}` on {date.today()}, seeds from"
+        f" {FIRST_SEED} on.", "",
         f"Not made: {'; '.join(missing) or 'nothing'}.", "",
         *([f"Of fewer seeds: {'; '.join(few)}.", ""] if few else []),
         __doc__.partition("\n\n")[2].partition("    --seeds")[0].rstrip(), "",
@@ -125,9 +150,11 @@ def report(cases: list[Case], given: argparse.Namespace, every: list[tuple[str, 
         *(row(cell[x]) for x in every if cell[x]), "",
         "## What was named first", "", *confusion(cases), "",
         f"## Successful, and more than {FAR:g} errors off", "",
-        "`from effects_made import made; import sysid; print(sysid.fit(made(...)))` in `benchmarks/` makes one of them again.", "",
+        "`import sysid; from effects_made import made; print(sysid.fit(made(...)))` in `benchmarks/` makes"
+        " one of them again.", "",
         *(listed(far) or ["None."]), "",
-        "## A clear effect that is named first as something else", "", *(listed(filter(wrong, cases)) or ["None."]), "",
+        "## A clear effect that is named first as something else, or spoils the fit without a name", "",
+        *(listed(filter(wrong, cases)) or ["None."]), "",
         f"## Fits that took more than {LONG:g} s of processor time, compiling included", "",
         *(listed(c for c in cases if c["seconds"] > LONG) or ["None."]), "",
     ])  # fmt: skip
