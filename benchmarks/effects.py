@@ -105,16 +105,17 @@ def row(cases: list[Case]) -> str:
 
 
 def confusion(cases: Iterable[Case]) -> list[str]:
-    """What was named first of what was put in."""
-    counts: dict[str, Counter] = defaultdict(Counter)
+    """What was named first of what was put in, small and clear."""
+    counts: dict[tuple[str, str], Counter] = defaultdict(Counter)
     for c in cases:
-        counts[f"{c['kind']} | {c['size'] if c['kind'] != 'nothing' else ''}"][c["named"]] += 1
+        counts[c["kind"], c["size"]][c["named"]] += 1
     names = [name for name, _ in sum(counts.values(), Counter()).most_common()]
-    rows = [
-        f"| {kind} | " + " | ".join(str(count[name] or "") for name in names) + " |"
-        for kind, count in counts.items()
-    ]
-    return [f"| put in | size | {' | '.join(names)} |", "|---" * (len(names) + 2) + "|", *rows]
+    lines = []
+    for kind in dict.fromkeys(name for name in KINDS if (name, "small") in counts):
+        small, clear = (counts[kind, size] for size in SIZES)
+        each = (f"{small[n] or '.'}/{clear[n] or '.'}" if small[n] or clear[n] else "" for n in names)
+        lines.append(f"| {kind} | {' | '.join(each)} |")
+    return [f"| put in | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|", *lines]
 
 
 def listed(cases: Iterable[Case]) -> list[str]:
@@ -148,7 +149,7 @@ def report(cases: list[Case], given: argparse.Namespace, every: list[tuple[str, 
         "| effect | size | logs | found | successful | worst before | worst after | rms after |",
         "|---|---|---|---|---|---|---|---|",
         *(row(cell[x]) for x in every if cell[x]), "",
-        "## What was named first", "", *confusion(cases), "",
+        "## What was named first, of small ones/of clear ones", "", *confusion(cases), "",
         f"## Successful, and more than {FAR:g} errors off", "",
         "`import sysid; from effects_made import made; print(sysid.fit(made(...)))` in `benchmarks/` makes"
         " one of them again.", "",

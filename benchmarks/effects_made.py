@@ -17,11 +17,13 @@ from effects_plate import (
     F0,
     HALF,
     K_T,
+    LEAK,
     NOISE,
     STEP_OF_PAIR,
     SWEEP,
     TAU,
     TOP,
+    TURN,
     Bench,
     G,
     Law,
@@ -229,7 +231,7 @@ def _log(rng: np.random.Generator, kind: Kind, bench: Bench, size: float) -> Log
     """What a bench records: turned, with a little feedthrough, an offset and noise."""
     w, n, volts = kind.shown(bench, size), len(bench.time), bench.volts(bench.time)
     fed = volts if bench.settled else np.append(volts[0], volts[:-1])  # a row shows what was driven before it
-    y = cmath.exp(0.1j) * w + (0.16e-3 - 0.12e-3j) * fed + (0.0 if kind.amplitude else 4e-3 - 3e-3j)
+    y = TURN * (w + LEAK * fed) + (0.0 if kind.amplitude else 4e-3 - 3e-3j)
     y = y + NOISE * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
     if bench.f is None:
         y = (w + NOISE * rng.standard_normal(n)).real

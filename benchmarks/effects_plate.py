@@ -13,6 +13,8 @@ from sysid import Log
 G, TAU, F0, K_T, DEGC = 0.02, 1.669041003e-3, 32300.0, -10.16, 24.0  # um/V, s, Hz, Hz/degC, degC
 HALF = 1 / (2 * np.pi * TAU)  # Hz
 TOP, NOISE = 2.0, 0.02  # um: of 100 V at the resonance; in each channel
+TURN = cmath.exp(0.1j)  # of the demodulator
+LEAK = (0.16e-3 - 0.12e-3j) / TURN  # um/V, of the drive into the sensor
 FINE = 24  # parts of the time between two rows
 WAITED, PART = 400, 8  # tau that a point of a sweep is waited for at the most, and parts of one
 STILL = 1e-7  # by which it still moves then
@@ -169,27 +171,34 @@ def beside(bench: Bench, apart: float, share: complex, tau: float) -> np.ndarray
     return rows(bench) + share * rows(bench, Law(shifts=apart * HALF, tau=tau))
 
 
+def _seen(bench: Bench, law: Law = Law()) -> tuple[np.ndarray, np.ndarray]:
+    """((n - 1) FINE + 1,) what a sensor sees of a transient, and what of it is feedthrough."""
+    step = (bench.time[1] - bench.time[0]) / FINE
+    fed = LEAK * bench.volts((np.arange((len(bench.time) - 1) * FINE + 1) - 0.5) * step)
+    return fine(bench, law) + fed, fed
+
+
 def late(bench: Bench, seconds: float) -> np.ndarray:
     """A transient that is shown so much later; settled points turn."""
     if bench.settled:
         return rows(bench) * np.exp(-2j * np.pi * seconds * (bench.f - F0))
-    w, step = fine(bench), (bench.time[1] - bench.time[0]) / FINE
+    (w, fed), step = _seen(bench), (bench.time[1] - bench.time[0]) / FINE
     at = np.arange(len(w)) * step
-    return np.interp(at - seconds, at, w, left=w[0])[::FINE]
+    return (np.interp(at - seconds, at, w, left=w[0]) - fed)[::FINE]
 
 
 def filtered(bench: Bench, tau: float, order: int) -> np.ndarray:
     """Behind so many poles; by the trapezoidal rule."""
-    w, x = fine(bench), (bench.time[1] - bench.time[0]) / FINE / (2 * tau)
+    (w, fed), x = _seen(bench), (bench.time[1] - bench.time[0]) / FINE / (2 * tau)
     for _ in range(order):
         w = lfilter([x, x], [1 + x, x - 1], w)
-    return w[::FINE]
+    return (w - fed)[::FINE]
 
 
 def coupled(bench: Bench, seconds: float) -> np.ndarray:
     """Behind a high-pass, T y' + y = T w'; by the trapezoidal rule."""
-    w, x = fine(bench), (bench.time[1] - bench.time[0]) / FINE / (2 * seconds)
-    return lfilter([1, -1], [1 + x, x - 1], w)[::FINE]
+    (w, fed), x = _seen(bench), (bench.time[1] - bench.time[0]) / FINE / (2 * seconds)
+    return (lfilter([1, -1], [1 + x, x - 1], w) - fed)[::FINE]
 
 
 def hurried(bench: Bench, dwell: float) -> np.ndarray:
