@@ -34,7 +34,7 @@ WHERE = Path(__file__).with_suffix(".md")
 FAR = 5.0  # errors: by chance in one of two million
 LONG, LONGEST = 30.0, 120.0  # s of processor time of a fit, and when it is stopped
 FIRST_SEED = 50
-Case = dict  # kind, size, bench, seed; named, said, result, before, after, moved, seconds
+Case = dict  # kind, size, bench, seed; named, said, noted, result, before, after, seconds
 
 
 def off(found: Fit, name: str, word: str) -> dict[str, float]:
@@ -74,6 +74,7 @@ def case(name: str, word: str, bench: str, seed: int) -> Case:
         **at,
         "named": named[0].key if named else "-",
         "said": ", ".join(f"{f.key} {f.outcome}" for f in named) or "-",
+        "noted": ", ".join(f.key for f in found.findings if f.outcome == "noted"),
         "result": found.result.name,
         "before": off(without, name, word), "after": off(found, name, word),
         "seconds": round(seconds, 1),
@@ -120,7 +121,8 @@ def confusion(cases: Iterable[Case]) -> list[str]:
 
 def listed(cases: Iterable[Case]) -> list[str]:
     return [
-        f"- `made({c['kind']!r}, {c['size']!r}, {c['bench']!r}, {c['seed']})`: {_said(c)}; {c['result']};"
+        f"- `made({c['kind']!r}, {c['size']!r}, {c['bench']!r}, {c['seed']})`: {_said(c)}"
+        f"{' (noted: ' + c['noted'] + ')' if c.get('noted') else ''}; {c['result']};"
         f" {', '.join(f'{n} {z:.1f}' for n, z in c['after'].items()) or '-'}; {c['seconds']:.0f} s"
         for c in cases
     ]
@@ -183,9 +185,9 @@ def main() -> None:
                     file.write(json.dumps(cases[*x, seed]) + "\n")
         if these := [c for at, c in cases.items() if at[:3] == x]:
             print(row(these), flush=True)
-    wanted = {(*x, FIRST_SEED + k) for x in every for k in range(given.seeds)}
+    wanted = [(*x, FIRST_SEED + k) for x in every for k in range(given.seeds)]
     if not given.only:
-        WHERE.write_text(report([c for at, c in cases.items() if at in wanted], given, every))
+        WHERE.write_text(report([cases[at] for at in wanted if at in cases], given, every))
 
 
 if __name__ == "__main__":
