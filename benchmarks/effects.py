@@ -2,9 +2,9 @@
 
 Each effect is put into logs of one plate, small and clear (`effects_made`), and these are fitted with the
 effects that logs may call for and without. Of each bench and size the table says what was found ("-":
-nothing; what is only noted is left out), how often the fit was successful, the largest |value - truth|/error of the
-determined G, tau and f0 (and k_T) of successful fits, before (without effects) and after, and the root mean
-square of those after.
+nothing; what is only noted is left out), how often the fit was successful, the largest |value -
+truth|/error of the determined G, tau and f0 (and k_T) of successful fits, before (without effects) and
+after, and the root mean square of those after.
 
     --seeds N      of each (default 3)
     --only NAME    kinds whose name holds NAME
