@@ -126,9 +126,9 @@ def test_what_an_error_spans_is_told(bench):
     """As a finding, and in words that say how likely it is and which error spans it."""
     logs = (without_rows(bench.transient(seed=s), 22 + s % 12, 2) for s in range(20))
     fits = (sysid.fit(log, nuisances=NUISANCES) for log in logs)
-    fit, hint = next((fit, f) for fit in fits for f in fit.findings if f.outcome == "widened")
-    assert (hint.key, hint.logs) == ("rows_lost", ("step",))
-    assert hint.evidence > 0
+    spans = ((fit, f) for fit in fits for f in fit.findings if f.outcome == "widened")
+    fit, hint = next((fit, f) for fit, f in spans if f.key == "rows_lost")
+    assert hint.logs == ("step",) and hint.evidence > 0
     assert "rows seem to be missing" in hint.sentence
     assert "the error of tau spans it" in hint.sentence
     assert hint.sentence in (*fit.notes, *fit.warnings)
@@ -148,3 +148,28 @@ def test_what_an_error_cannot_span_is_told(bench, monkeypatch):
     assert said.outcome == "noted"
     assert "the error of tau does not include it" in said.sentence
     assert said.sentence in narrow.warnings
+
+
+def test_an_effect_that_logs_would_not_show_counts_once_it_is_more_likely_than_not(linear):
+    """Of one kind at n places, odds (B - 1)/n, which are 0 while B < n and so are one and more."""
+    fit, tried = linear
+    each = [Allowed(t, s) for t, s in zip(tried, fit.scored(tried), strict=True) if s is not None]
+    each = [
+        x for x in each if not averaging.spanned(x.term, x.scored) and not (x.term.between or x.term.parts)
+    ]
+    seen = 0
+    for x in each:
+        places, usual = 3, x.scored.usual
+        together = averaging.Together.of([x] * places)
+        for log_b in (np.log(places) - 0.1, np.log(places) + 0.1):
+            long = np.sqrt((2 * log_b + np.sum(np.log1p(usual))) * (1 + usual[0]) / usual[0])
+            for number in (long, -long):
+                numbers = np.zeros((1, len(usual) * places))
+                numbers[0, 0] = number
+                if not x.sensible(x.mean(numbers[0, : len(usual)])):
+                    continue
+                share = together.likely(numbers, np.ones_like(numbers))[0, 0]
+                odds = np.expm1(log_b) / places if log_b > np.log(places) else 0.0
+                assert share == pytest.approx(odds / (1 + odds), abs=1e-9)
+                seen += 1
+    assert seen > 4

@@ -202,7 +202,7 @@ def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tu
     that is wrong: its like in another is not looked for."""
     known = [x for x in each if x.effect.hop is None]
     likely, every = (groups(promising(known, looked, wrong, least), wrong) for least in (LIKELY, PROMISES))
-    anything = [(x,) for x in each if x not in known and wrong.issuperset(x.where)]
+    anything: list[Group] = [(x,) for x in each if x not in known and wrong.issuperset(x.where)]
     return likely, [x for x in every if x not in likely], anything
 
 

@@ -13,7 +13,8 @@ Of K effects that are tried, n alike at other places, each is as likely beforeha
 If it moves theta by D x, it adds p D (diag(k) + k x x^T k) D^T to its covariance. The estimate stays what it
 was. Two kinds are left out: effects that the logs speak against (B < 1; the 1 that is taken off B makes the
 errors steady there), so that errors of logs which show nothing are what they are without; and those that
-logs would not show if they were of a usual size, which are an assumption of every fit to such logs. What a
+logs would not show if they were of a usual size, which are an assumption of every fit to such logs, unless
+they are more likely there than not. What a
 log would have for itself if it contradicts the others is `differing`'s.
 
 Hoeting, Madigan, Raftery & Volinsky, Bayesian model averaging: a tutorial, Statistical Science 14, 382
@@ -177,6 +178,11 @@ class Together(NamedTuple):
         kinds = np.sum(counts > 0, axis=0)
         return 1 / np.maximum(kinds * (self.alike.T @ counts), 1)
 
+    def _many(self, there: np.ndarray) -> np.ndarray:
+        """(K, P) how many kinds these are, times at how many places each may be."""
+        kinds = np.sum(self.alike @ there > 0, axis=0)
+        return np.maximum(kinds, 1) * (self.alike.T @ np.sum(self.alike, axis=1))[:, None]
+
     def likely(
         self,
         numbers: np.ndarray,
@@ -189,7 +195,9 @@ class Together(NamedTuple):
         mean = usual / (1 + usual) * numbers
         found = 0.5 * np.add.reduceat(mean * numbers - np.log1p(usual), self.begins, axis=1).T
         there, odds = self.there(power, here), np.zeros_like(found)
-        before = self._before(there)
+        many = self._many(there)
+        known = (found > np.log(many)) & here & ~there  # more likely than not
+        before, there = np.where(known, 1 / many, self._before(there)), there | known
         for k, p in zip(*np.nonzero((found > 0) & there), strict=True):
             if self.each[k].sensible(self.own(mean[p], k)):
                 odds[k, p] = before[k, p] * np.expm1(min(found[k, p], MOST))
@@ -199,7 +207,7 @@ class Together(NamedTuple):
 def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     """Over the effects `tried` beside a fit, linearised."""
     scored = zip(tried, fit.scored(tried), strict=True)
-    each = [Allowed(t, s) for t, s in scored if s is not None and spanned(t, s)]
+    each = [Allowed(t, s) for t, s in scored if s is not None and not (t.between or t.parts)]
     if not each:
         return Average.none()
     numbers = [x.scored.numbers for x in each]
