@@ -32,10 +32,15 @@ def linear(bench):
     )
 
 
+def shows(scored):
+    """Whether logs would show an effect of a usual size."""
+    return np.min(scored.usual) > averaging.SHOWS**2
+
+
 def spanned(linear):
     fit, tried = linear
     scored = [(t, s) for t, s in zip(tried, fit.scored(tried), strict=True) if s is not None]
-    return [Allowed(t, s) for t, s in scored if averaging.spanned(t, s)]
+    return [Allowed(t, s) for t, s in scored if averaging.spanned(t) and shows(s)]
 
 
 def designs(fit, term):
@@ -154,9 +159,7 @@ def test_an_effect_that_logs_would_not_show_counts_once_it_is_more_likely_than_n
     """Of one kind at n places, odds (B - 1)/n, which are 0 while B < n and so are one and more."""
     fit, tried = linear
     each = [Allowed(t, s) for t, s in zip(tried, fit.scored(tried), strict=True) if s is not None]
-    each = [
-        x for x in each if not averaging.spanned(x.term, x.scored) and not (x.term.between or x.term.parts)
-    ]
+    each = [x for x in each if averaging.spanned(x.term) and not shows(x.scored)]
     seen = 0
     for x in each:
         places, usual = 3, x.scored.usual

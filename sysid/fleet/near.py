@@ -30,7 +30,6 @@ from sysid.verdict.terms import terms
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
 NUISANCES = tuple(name for name in EVERY if name not in ("thermometer", *ADOPTED))
 PHASES = 4  # of a quarter turn, by which channels that saturate each look different
-LEAST = 0.125  # power of the noise of plates of a cell, over the cell's: of one of several logs
 QUIET = 1e-3  # of the noise, that a simulated log has, so that it is read as one with noise
 CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off by itself
 
@@ -64,10 +63,7 @@ class Trying:
     def light(self) -> "Trying":
         """Without the arrays over the rows, which the template has side by side."""
         term = replace(self.term, shapes={})
-        one, other = np.triu_indices(len(self.larger))
-        most = np.max(self.products[:, one == other] * np.exp(self.larger), axis=1)
-        loudest = self.scored._replace(usual=self.scored.usual * most)
-        allowed = Allowed(term, self.scored) if spanned(term, loudest, LEAST) else None
+        allowed = Allowed(term, self.scored) if spanned(term) else None
         return replace(self, term=term, allowed=allowed)
 
     def at(self, share: np.ndarray, power: np.ndarray) -> Scored:

@@ -113,10 +113,9 @@ class Allowed(NamedTuple):
 Kind = tuple[str, int | None]  # of effects: their name, and the log that they are in
 
 
-def spanned(term: Term, scored: Scored, power: float = 1.0) -> bool:
-    """Whether errors span a tested term in noise of so many times the power: logs would show it if it were of
-    a usual size, in whatever direction of its numbers."""
-    return not (term.between or term.parts) and bool(np.min(scored.usual) > power * SHOWS**2)
+def spanned(term: Term) -> bool:
+    """Whether errors may span a term: it is one effect, by which no log contradicts the others."""
+    return not (term.between or term.parts)
 
 
 class Together(NamedTuple):
@@ -168,8 +167,8 @@ class Together(NamedTuple):
         return numbers[self.begins[k] :][: len(self.each[k].scored.usual)]
 
     def there(self, power: np.ndarray, here: np.ndarray | bool = True) -> np.ndarray:
-        """(K, P) which effects logs would show in noise of `power` (P, q) over that of the tests; `here`
-        (K, P): which there may be."""
+        """(K, P) which effects logs would show, if they were of a usual size in whatever direction of their
+        numbers, in noise of `power` (P, q) over that of the tests; `here` (K, P): which there may be."""
         return (np.minimum.reduceat(self.usual / power, self.begins, axis=1).T > SHOWS**2) & here
 
     def _before(self, there: np.ndarray) -> np.ndarray:
@@ -207,7 +206,7 @@ class Together(NamedTuple):
 def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     """Over the effects `tried` beside a fit, linearised."""
     scored = zip(tried, fit.scored(tried), strict=True)
-    each = [Allowed(t, s) for t, s in scored if s is not None and not (t.between or t.parts)]
+    each = [Allowed(t, s) for t, s in scored if s is not None and spanned(t)]
     if not each:
         return Average.none()
     numbers = [x.scored.numbers for x in each]
