@@ -155,24 +155,24 @@ def test_what_an_error_cannot_span_is_told(bench, monkeypatch):
     assert said.sentence in narrow.warnings
 
 
-def test_an_effect_that_logs_would_not_show_counts_once_it_is_more_likely_than_not(linear):
-    """Of one kind at n places, odds (B - 1)/n, which are 0 while B < n and so are one and more."""
+def test_an_effect_that_logs_would_not_show_counts_once_it_is_worth_more_than_chance(linear):
+    """Of one kind at n places, at odds (B - 1)/n."""
     fit, tried = linear
     each = [Allowed(t, s) for t, s in zip(tried, fit.scored(tried), strict=True) if s is not None]
     each = [x for x in each if averaging.spanned(x.term) and not shows(x.scored)]
-    seen = 0
+    told = 0
     for x in each:
-        places, usual = 3, x.scored.usual
+        places, usual, log_b = 3, x.scored.usual, 2.0
         together = averaging.Together.of([x] * places)
-        for log_b in (np.log(places) - 0.1, np.log(places) + 0.1):
-            long = np.sqrt((2 * log_b + np.sum(np.log1p(usual))) * (1 + usual[0]) / usual[0])
-            for number in (long, -long):
-                numbers = np.zeros((1, len(usual) * places))
-                numbers[0, 0] = number
-                if not x.sensible(x.mean(numbers[0, : len(usual)])):
-                    continue
-                share = together.likely(numbers, np.ones_like(numbers))[0, 0]
-                odds = np.expm1(log_b) / places if log_b > np.log(places) else 0.0
-                assert share == pytest.approx(odds / (1 + odds), abs=1e-9)
-                seen += 1
-    assert seen > 4
+        long = np.sqrt((2 * log_b + np.sum(np.log1p(usual))) * (1 + usual[0]) / usual[0])
+        for number in (long, -long):
+            numbers = np.zeros((1, len(usual) * places))
+            numbers[0, 0] = number
+            if not x.sensible(x.mean(numbers[0, : len(usual)])):
+                continue
+            seen, odds = np.array([[True], [False], [False]]), np.expm1(log_b) / places
+            assert not together.likely(numbers, np.ones_like(numbers)).any()
+            share = together.likely(numbers, np.ones_like(numbers), seen=seen)
+            assert share[:, 0] == pytest.approx([odds / (1 + odds), 0, 0])
+            told += 1
+    assert told > 2
