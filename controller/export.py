@@ -238,11 +238,13 @@ def _reach(loop: Loop, drive: str, response: str) -> list[str]:
     guard, limit, gain = machine.control, machine.voltages[1], abs(loop.G)
 
     def most(volts: float) -> str:
+        """A limit of the drive and of the response."""
         if volts >= NO_LIMIT / 2:
             return "no limit of the voltage was stated"
         return f"{volts:.4g} {drive}, {gain * volts:.4g} {response}"
 
     def after(samples: float) -> str:
+        """So many samples as a time."""
         return f"{1e3 * loop.sample_time * samples:.4g} ms"
 
     needed = machine.headroom * machine.amplitude / gain

@@ -104,6 +104,7 @@ def _with_effects(
             trials=told.state.trials,
             dispersion=question.dispersion + told.dispersion,
             effects=fitted,
+            told=found.reference_temperature,
         )
         anew = _concluded(again, minimiser.imaged([told.state]))
         if anew.result is Result.successful or _tells(anew, found):

@@ -194,7 +194,7 @@ def test_a_feedthrough_that_may_be_a_delay_widens_g_as_the_single_fit_has_it(pla
         same = but_for_digits(ours["notes"]) == but_for_digits(single["notes"])
         told_of = [[(f["key"], f["outcome"], f["logs"]) for f in r["findings"]] for r in (ours, single)]
         others += not same or told_of[0] != told_of[1]
-    # an effect of which a log tells hardly enough for a hint, by numbers of a plate nearly this one
+    # a hint is told from an error half as large again, which goes with the exponential of such numbers
     assert others <= 0.05 * len(plates)
     assert np.mean(np.array(off) < 0.02) > 0.85 and np.quantile(off, 0.95) < 0.1
     # what an error spans goes with the exponential of numbers that are those of a plate nearly this one
@@ -374,8 +374,10 @@ def test_what_may_be_chance_is_warned_of_as_the_single_fit_has_it():
         for parameter in ("G", "tau", "f0"):
             a, b = row["parameters"][parameter], single["parameters"][parameter]
             assert a["value"] == pytest.approx(b["value"], abs=0.05 * b["std"])
-        error, single_error = (r["parameters"]["f0"]["std"] for r in (row, single))  # which it moves
-        assert error == pytest.approx(single_error, rel=0.1)
+            # f0 moves by what is warned of, at even odds or more; G and tau by what is a few per cent likely,
+            # by numbers of 3.3 that are off by 0.15: that likely within the factor e^0.5, of which the root
+            # is the most that an error may differ by
+            assert a["std"] == pytest.approx(b["std"], rel=0.1 if parameter == "f0" else 0.28)
 
 
 def test_errors_span_what_those_of_the_single_fit_do(unfitted):
@@ -452,8 +454,7 @@ def test_the_tests_of_a_cell_are_those_of_plates_away_from_its_middle():
 
 def test_a_warning_says_how_rare_it_is_by_chance():
     """One number of a test that the single fit is sure of, from 5 in log-likelihood above what it has by
-    chance, of one of a thousand such
-    fits; of 4096 plates from 8.3 on."""
+    chance, of one of a thousand such fits; of 4096 plates from 8.3 on."""
     logs = made("sweep", 3)
     cells = cells_of(layout(logs), logs)
     batch = fit_together([(Group("one", logs), logs)])

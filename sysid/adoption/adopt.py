@@ -79,7 +79,9 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
             if best.rough or _entangled(best):
                 return Outcome(None, best, adoption.refuted(best), True, True)
             return Outcome(best)
-        cause = not wrong or (adoption.cause(best) and not best.event)
+        # what happened to a log for a while is no cause of what others show
+        elsewhere = best.event and not wrong <= best.where
+        cause = not wrong or (adoption.cause(best) and not elsewhere)
         if before is None and ahead and cause and not _mistaken(best, left.found):
             named = best
         if not best.explains(state, 1 - TAKEN):

@@ -57,7 +57,7 @@ class Description(NamedTuple):
 
     @property
     def event(self) -> bool:
-        """Whether it is about what happened to a log, which is no cause of what others show."""
+        """Whether it is about what happened to a log for a while."""
         return any(x.effect.hop is not None for x in self.instances)
 
     @property

@@ -77,6 +77,7 @@ class Columns:
         return found[np.isfinite(found)]
 
     def unit(self, column: int) -> str:
+        """The unit as its label states it."""
         return self.labels[column].unit
 
     def shows(self, column: int) -> str:
@@ -85,6 +86,7 @@ class Columns:
         return (per_drive(unit) or (unit, ""))[0]
 
     def is_signed(self, column: int) -> bool:
+        """Whether some of its numbers are below zero, for another reason than that they are in decibels."""
         found = self.numbers(column)
         return bool(np.any(found < 0) and not is_decibel(self.unit(column)))
 

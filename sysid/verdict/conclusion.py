@@ -42,6 +42,7 @@ class FitProblem:
     warnings: tuple[str, ...]  # what had to be assumed
     dispersion: np.ndarray  # (6, 6) what readings of the logs that cannot be told apart add to the covariance
     effects: tuple[Finding, ...] = ()  # with which the logs are read
+    told: float | None = None  # degC, where f0 and k_T are told, about which effects were fitted
 
 
 class Judged(NamedTuple):
@@ -101,7 +102,8 @@ def _fit(question: FitProblem, states: Sequence[State]) -> Fit:
     drifts = drifts and not identify.within_errors(best.trials)
     warm = any(t.log.temperature is not None for t in best.trials)
     at = question.reference_temperature if drifts else (reference[1] if warm else None)
-    carry = carried(at - reference[1] if drifts else 0.0)
+    at = at if question.told is None else question.told
+    carry = carried(0.0 if at is None else at - reference[1])
     values = dict(zip(NAMES, in_units(carry @ best.theta, reference[0]), strict=True))
     known = {n: float(values[n]) if n in free else None for n in PLANT}
     carry = np.diag([G, tau, 1.0, 1.0, 1.0, 1.0]) @ carry  # theta's covariance is of logarithms
