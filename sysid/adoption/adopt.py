@@ -108,8 +108,10 @@ class _Adoption:
         there."""
         ends: list[Description] = []
         for k, some in enumerate(here):
-            if some and not (ends and self._enough(ends[0], k == len(here) - 1)):
+            if some and not (ends and self._enough(ends[0])):
                 found = self.search.ends(before, some, count)
+                if k == len(here) - 1 and ends and ends[0].sense and ends[0].explains(self.before):
+                    found = [d for d in found if d.white]
                 self.alone += found if before is None else []
                 ends = sorted([*ends, *found], key=lambda d: -d.evidence)
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
@@ -123,15 +125,15 @@ class _Adoption:
                 return done._replace(
                     dispersion=done.dispersion + _between(done, alike),
                     nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
-                    rough=any(x.effect.rough for d in (best, *alike) for x in d.instances),
+                    rough=any(map(_rough, (best, *alike))),
                     rival=max(others.values(), default=-np.inf),
                 )
         return None
 
-    def _enough(self, best: Description, last: bool) -> bool:
-        """Whether nothing else has to be tried beside it; `last`: but what may be anything."""
-        described = best.white and self.ahead(best)
-        return best.sense and not best.vague and (described or (last and best.explains(self.before)))
+    def _enough(self, best: Description) -> bool:
+        """Whether nothing else has to be tried beside it."""
+        known = not best.vague and not _rough(best)
+        return best.sense and known and best.white and self.ahead(best)
 
     def ahead(self, best: Description) -> bool:
         """Whether it beats what the first order found of other kinds, that was not tried in full."""
@@ -183,6 +185,11 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     every = set(range(len(state.trials)))
     shown = [every if f.log is None else {f.log} for f in found if f.certain]
     return {i for i in every if not state.trials[i].silent and left_of(state, i)}.union(*shown)
+
+
+def _rough(found: Description) -> bool:
+    """Whether the law of an effect is not known well in one of its logs."""
+    return any(x.effect.rough(found.state.trials[i]) for x in found.instances for i in x.where)
 
 
 def _entangled(best: Description) -> bool:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.adoption.description import Instance
-from sysid.effects.effect import About, plain
+from sysid.effects.effect import About, Effect, plain
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.trials.rounds import Rounds
@@ -29,6 +29,7 @@ from sysid.verdict.linearised import LinearisedLog
 LEVEL = Rounds(1, white=True)  # what is compared
 APART = 0.05  # prior standard deviations, by which optima differ
 NEAR = 0.05  # standard deviations, which matter to nothing
+HELD = 0.25  # of tau, for which the motion of one row may stand: a fifth of it is then gone
 DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
 
 
@@ -82,8 +83,10 @@ class Points:
         fed = [t.bench.fed for t in near.trials]
         read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]
         for instance, part in zip(instances, self.parts(instances), strict=True):
+            hops = instance.effect.hop is not None
+            about = self.about._replace(theta=near.theta) if hops else self.about
             for i in instance.where:
-                read[i] = instance.effect.applied(read[i], numbers[part], self.about)
+                read[i] = instance.effect.applied(read[i], numbers[part], about)
         return tuple(read)
 
     def parts(self, instances: Sequence[Instance]) -> list[slice]:
@@ -148,7 +151,10 @@ class Points:
         driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
         own = max(1.0, driven)  # modes may take something away from one another
         each = zip(instances, self.parts(instances), strict=True)
-        return all(x.effect.seen(numbers[part], stds[part], own) for x, part in each)
+        followed = [self.trials[i] for x in instances if x.effect.follows for i in x.where]
+        return not any(_predicts(trial, state.tau) for trial in followed) and all(
+            x.effect.seen(numbers[part], stds[part], own) for x, part in each
+        )
 
     def differ(self, a: Point, b: Point) -> bool:
         """Whether points of the same effects differ by their numbers and by what they make of the logs: two
@@ -175,7 +181,8 @@ class Points:
         dispersion[np.ix_(index, index)] = by @ covariance @ by.T
         score = score - by.T @ linear.slope
         gain = 0.5 * float(score @ covariance @ score)
-        sloped = np.concatenate([[x.effect.hop is None] * len(self.stds([x])) for x in instances] or [[]])
+        each = [_sloped(x.effect, len(self.stds([x]))) for x in instances]
+        sloped = np.concatenate(each) if each else np.zeros(0)
         return Looked(sloped * (covariance @ score), covariance, dispersion, gain)
 
     def columns(
@@ -192,6 +199,17 @@ class Points:
                     change = (views[i].modelled(above[i]) - views[i].modelled(below[i])) / (2 * step[k])
                     found[i][:, k] = views[i].off(change)
         return found
+
+
+def _sloped(effect: Effect, count: int) -> np.ndarray:
+    """(d,) whether steps lead to a number: a log follows those that hop in steps, but for the linear ones."""
+    return np.array([effect.hop is None or k in effect.linear for k in range(count)])
+
+
+def _predicts(trial: Trial, tau: float) -> bool:
+    """Whether with such a plate, as its inputs stand still, each row tells the next one."""
+    still = not trial.steady and 2 * trial.changes < len(trial.log)
+    return still and trial.spacing > HELD * tau
 
 
 def fed(state: State) -> bool:

@@ -11,6 +11,7 @@ from sysid.effects.effect import (
     About,
     Effect,
     Told,
+    always,
     beside,
     moving,
     nowhere,
@@ -255,7 +256,7 @@ SECOND_POLE = Effect(
     said=_pole_said,
     places=nowhere,
     scope="plate",
-    rough=True,
+    rough=always,
     another=True,
     makes_sense=lambda values, stds, own: bool(
         np.abs(values[0]) > SEEN * stds[0] and np.abs(values[1]) > SEEN * stds[1]

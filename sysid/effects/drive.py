@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, positive
+from sysid.effects.effect import About, Effect, Told, always, positive
 from sysid.effects.number import Number, number
 from sysid.trials.trial import Trial
 
@@ -43,7 +43,7 @@ def _drive(
         numbers=lambda trial, values, stds, about: dict([numbers(trial, values[0], stds[0], about)]),
         said=lambda trial, found: said(trial.log.drive_unit, next(iter(found.values()))),
         scope="plate",
-        rough=True,
+        rough=always,
         makes_sense=positive if only_more else None,
     )
 

@@ -71,24 +71,25 @@ class Effect:
     (m, d) from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their
     standard deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and
     these. `scope`: "log", each log has numbers of its own; "plate", they are the same in all logs that
-    show it; "bench", they may be either. `many`: a log may have more than one. `rough`: its law is not
-    known well enough for the errors that the fit states, so that it is named and not adopted. `another`:
-    with it the plant is not of first order, and G and tau are none of it. `afresh`: with it the plant of
-    that log may be far from what it seems without, and is looked for anew from each start. `stretched`:
-    of one that changes what was recorded, the log of by how much it stretches that. `linear`: numbers
-    that the response follows in proportion from zero, as far as a log has them, by which logs show it to
-    first order, beside others at each of its `places` (m, d); where none is, all that it does at a place.
-    `known_as`: what else shows it to first order (`verdict.terms`); with neither it has to be tried.
+    show it; "bench", they may be either. `many`: a log may have more than one. `rough`: in which logs its
+    law is not known well enough for the errors that the fit states, so that it is named and not adopted.
+    `another`: with it the plant is not of first order, and G and tau are none of it. `afresh`: with it the
+    plant of that log may be far from what it seems without, and is looked for anew from each start.
+    `stretched`: of one that changes what was recorded, the log of by how much it stretches that. `linear`:
+    numbers that the response follows in proportion from zero, as far as a log has them, by which logs show
+    it to first order, beside others at each of its `places` (m, d); where none is, all that it does at a
+    place. `known_as`: what else shows it to first order (`verdict.terms`); with neither it has to be tried.
     `noise_like`: whether noise of a log looks like such numbers. `expected`: every plate has a little of
     it. `unseen`: what to say of it, of its size and of what that moves, where it may be there and hide.
     `stated`: what a log's metadata would have said of it, by which rows are read in another way.
     `colour`: of noise that went through it, the correlation of rows that are so many seconds apart.
     `relative`: it is what a log is beside others, and not what all are. `vague`: whether with such
     numbers it may look like anything, so that all others are tried as well. `hop`: of numbers that a log
-    follows in steps, where they had better be, seen from the plate of what is known. `makes_sense`:
-    whether numbers and their standard deviations are those of the effect, where the plate's response would be
-    `own` times the largest of the logs at the most; unless stated, whether one that is linear is seen at
-    all."""
+    follows in steps, but for linear ones, where they had better be, seen from the plate near by, from which
+    it is applied as well. `follows`: it takes how the plate moves from the row before, which has to be much
+    nearer than tau: where it is not, each row would tell the next one. `makes_sense`: whether numbers and
+    their standard deviations are those of the effect, where the plate's response would be `own` times the
+    largest of the logs at the most; unless stated, whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -99,7 +100,7 @@ class Effect:
     said: Callable[[Trial, dict[str, Number]], Told]
     scope: str = "log"
     many: bool = False
-    rough: bool = False
+    rough: Callable[[Trial], bool] = lambda trial: False
     another: bool = False
     afresh: Callable[[Trial], bool] = lambda trial: False
     stretched: Callable[[Trial, np.ndarray, About], float] = lambda trial, values, about: 0.0
@@ -114,6 +115,7 @@ class Effect:
     vague: Callable[[np.ndarray], bool] = lambda values: False
     hop: Callable[[Trial, About], np.ndarray] | None = None
     stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
+    follows: bool = False
     makes_sense: Callable[[np.ndarray, np.ndarray, float], bool] | None = None
 
     def seen(self, values: np.ndarray, stds: np.ndarray, own: float = 1.0) -> bool:
@@ -122,6 +124,11 @@ class Effect:
             return self.makes_sense(values, stds, own)
         some = [k for k in self.linear if k < len(values)] or list(range(len(values)))
         return bool(np.max(np.abs(values[some]) / stds[some]) > SEEN)
+
+
+def always(trial: Trial) -> bool:
+    """In any log."""
+    return True
 
 
 def positive(values: np.ndarray, stds: np.ndarray, own: float) -> bool:

@@ -10,6 +10,7 @@ from sysid.effects.effect import (
     About,
     Effect,
     Told,
+    always,
     lasted,
     nowhere,
     positive,
@@ -73,6 +74,7 @@ DUFFING = Effect(
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
     expected=True,
+    follows=True,
 )
 
 
@@ -81,16 +83,16 @@ def _turns(trial: Trial) -> bool:
     return trial.resonant and (trial.signed or bool(np.ptp(trial.log.frequency) > 0))
 
 
-def _amplitude_damped(power: int, moving: bool) -> Effect:
+def _amplitude_damped(power: int) -> Effect:
     """A plate that is damped by 1 + c (|W|/W_max)^power, |W| as recorded: by friction within it (2), by air
-    that it stirs (1) (Baltanas et al., Am. J. Phys. 71, 2001, 2003). Of a transient (`moving`) the noise of
-    |W| adds up from row to row, which its errors do not hold."""
+    that it stirs (1) (Baltanas et al., Am. J. Phys. 71, 2001, 2003). Of a transient the noise of |W| adds up
+    from row to row, which its errors do not hold."""
 
     def shows(trial: Trial) -> bool:
         if trial.steady:
-            return not moving and sweep(trial) and trial.whole is None
+            return sweep(trial) and trial.whole is None
         seen = trial.resonant or not trial.driven  # else it may be driven beside its resonance
-        return moving and seen and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
+        return seen and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         inputs, size = trial.inputs, _moves(trial, about) ** power
@@ -120,13 +122,14 @@ def _amplitude_damped(power: int, moving: bool) -> Effect:
         },
         said=said,
         scope="plate",
-        rough=moving,
+        rough=lambda trial: not trial.steady,
+        follows=True,
         # of long memory, where no phase turns; and friction seldom falls with the amplitude
         noise_like=lambda trial, values: values[0] < 0 and trial.noise.coloured and not _turns(trial),
     )
 
 
-AMPLITUDE_DAMPING = tuple(_amplitude_damped(power, moving) for power in (1, 2) for moving in (False, True))
+AMPLITUDE_DAMPING = tuple(map(_amplitude_damped, (1, 2)))
 
 
 def _warm_damped(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -222,7 +225,7 @@ ASYMMETRIC = Effect(
     numbers=lambda trial, values, stds, about: {"more": number(values[0], stds[0], "of the damping")},
     said=_asymmetric_said,
     scope="plate",
-    rough=True,
+    rough=always,
 )
 
 
@@ -289,7 +292,7 @@ OVERSHOOT = Effect(
     numbers=_overshot_numbers,
     said=_overshot_said,
     scope="plate",
-    rough=True,
+    rough=always,
     another=True,
     afresh=lambda trial: not trial.driven,
     places=nowhere,

@@ -7,7 +7,18 @@ from functools import cache
 
 import numpy as np
 
-from sysid.effects.effect import LEAST_ROWS, About, Effect, Told, lasted, positive, shares, size, undone
+from sysid.effects.effect import (
+    LEAST_ROWS,
+    About,
+    Effect,
+    Told,
+    always,
+    lasted,
+    positive,
+    shares,
+    size,
+    undone,
+)
 from sysid.effects.number import Number, number
 from sysid.logs.log import Log
 from sysid.trials.trial import Trial
@@ -112,7 +123,7 @@ def _saturated(law: Law, each: bool) -> Effect:
         stds=lambda trial, about: np.array([TAKEN[-1]]),
         starts=lambda trial, about: TAKEN[:, None],
         applied=applied,
-        rough=True,
+        rough=always,
         stretched=stretched,
         numbers=lambda trial, values, stds, about: {
             "taken": number(values[0], stds[0], "of the largest row")

@@ -6,18 +6,21 @@ columns D (n, K) about a plate near by and noise of a level of its own: each sid
 
     min over c of |r - D c|^2 = r^H r - g^H H^-1 g,    H = D^H D, g = D^H r,
 
-with r (n,) what that plate leaves. These sums over some rows are differences of sums up to a row, so that
-all stretches are weighed at once. A law that the plate follows and nobody knows looks alike where it matters
-most, so that a stretch is named and never adopted.
+with r (n,) what that plate leaves. A transient begins anew where a stretch begins and behind where it ends,
+from a state that nobody knows: it decays as exp(sum of a dt) from there, one more column. Sums over some rows
+are differences of sums up to a row, so that all stretches are weighed at once; those of a decay follow from
+the sums a row later. A law that the plate follows and nobody knows looks alike where it matters most, so that
+a stretch is named and never adopted.
 """
 
 from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, nowhere
+from sysid.effects.effect import About, Effect, Told, always, nowhere, undone
 from sysid.effects.number import Number, number
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
@@ -41,7 +44,7 @@ def _moves(trial: Trial) -> bool:
 
 def _rows(trial: Trial, values: np.ndarray) -> tuple[int, int]:
     """The first row of a stretch, and the first behind it, of shares of the log."""
-    first, last = np.rint(np.clip(values, 0.0, 1.0) * len(trial.log)).astype(int)
+    first, last = np.rint(np.clip(values[:2], 0.0, 1.0) * len(trial.log)).astype(int)
     return int(first), int(last)
 
 
@@ -49,58 +52,146 @@ def _without(trial: Trial, values: np.ndarray, about: About) -> Trial:
     first, last = _rows(trial, values)
     there = trial.there.copy()
     there[first:last] = False
-    return replace(trial, there=there, noise=replace(trial.noise, kept=trial.noise.kept & there))
+    trial = replace(trial, there=there, noise=replace(trial.noise, kept=trial.noise.kept & there))
+    if not (_begins_anew(trial) and np.any(values[2:])):
+        return trial
+    course = LogResponse.of(trial, about.reference, about.theta)
+    behind = _decay(trial, course.pole)
+    anew = np.append(np.zeros(last), np.exp(behind[last:] - behind[min(last, len(behind) - 1)]))
+    more = about.top * (values[2] + 1j * values[3]) * anew
+    more = more if trial.channels > 1 else more.real
+    return undone(trial, lambda log: log.response - more)
+
+
+def _begins_anew(trial: Trial) -> bool:
+    """Whether a log goes on from where a stretch left its plate."""
+    return trial.signed and not trial.steady and trial.whole is None
+
+
+def _decay(trial: Trial, pole: np.ndarray) -> np.ndarray:
+    """(n,) logarithm of how a plate decays up to each row."""
+    return np.append(0.0, np.cumsum(pole[1:] * np.diff(trial.log.time)))
 
 
 def _stretched(trial: Trial, values: np.ndarray, about: About) -> float:
     """The log density of the rows that are left out, as the cost of a log counts it, and of the choice."""
     first, last = _rows(trial, values)
-    sums, unit, weights = _sums(trial, about.reference, tuple(about.theta.tolist()))
-    used = np.append(0, np.cumsum(trial.there))
-    if not (inside := used[last] - used[first]):
+    sums = _sums(trial, about.reference, tuple(about.theta.tolist()))
+    if not (inside := sums.used[last] - sums.used[first]):
         return -float(GUESSES)
-    own, _ = _sides(sums, used, np.array([[first, last]]))
-    level = 0.5 * np.log(unit / trial.channels) * inside - (weights[last] - weights[first])
+    own, _ = sums.sides(np.array([[first, last]]))
+    level = 0.5 * np.log(sums.unit / trial.channels) * inside - (sums.weights[last] - sums.weights[first])
     return -float(GUESSES + trial.channels * (own[0] + level))
 
 
-@lru_cache(maxsize=1)  # for all stretches of a log
-def _sums(
-    trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]
-) -> tuple[np.ndarray, float, np.ndarray]:
-    """(n + 1, K + 1, K + 1) sums of the products of D and r, in this order and of unit size, up to a row; the
-    power of r; and (n + 1,) the sums of the logarithms of the rows' weights."""
-    course, used = LogResponse.of(trial, reference, np.array(theta)), trial.there
-    if trial.signed:
-        left = trial.log.response - course.forced * trial.bench.turn
-    else:
-        left = trial.residual(np.abs(course.plate))
-    rows = np.column_stack([course.design(), left]) * (trial.noise.weight * used)[:, None]
-    size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
-    rows = rows / size
-    products = np.cumsum(rows[:, :, None].conj() * rows[:, None, :], axis=0)
-    weights = np.cumsum(np.where(used, np.log(trial.noise.weight), 0.0))
-    return np.concatenate([0 * products[:1], products]), float(size[-1] ** 2), np.append(0.0, weights)
+class _Sums(NamedTuple):
+    """Of D and r, in this order and of unit size: `products` (n + 1, K + 1, K + 1) up to a row; of a decay
+    from a row on with these, `anew` (n + 1, K + 1), and with itself, `decays` (n + 1,), and the logarithm of
+    one from the first row on, `behind` (n + 1,), where there is one; the power of r, `unit`; the logarithms
+    of `weights`, and the rows that are `used`, (n + 1,) up to a row."""
+
+    products: np.ndarray
+    anew: np.ndarray
+    decays: np.ndarray
+    behind: np.ndarray
+    unit: float
+    weights: np.ndarray
+    used: np.ndarray
+
+    @classmethod
+    def of(cls, trial: Trial, course: LogResponse) -> "_Sums":
+        used = trial.there
+        if trial.signed:
+            left = trial.log.response - course.forced * trial.bench.turn
+        else:
+            left = trial.residual(np.abs(course.plate))
+        weight = trial.noise.weight * used
+        rows = np.column_stack([course.design(), left]) * weight[:, None]
+        size = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+        rows = rows / size
+        products = np.cumsum(rows[:, :, None].conj() * rows[:, None, :], axis=0)
+        behind = np.zeros(len(rows) + 1, rows.dtype)
+        anew, decays = np.zeros((len(rows) + 1, rows.shape[1]), rows.dtype), np.zeros(len(rows) + 1)
+        if _begins_anew(trial):
+            behind[:-1] = (
+                _decay(trial, course.pole) if trial.channels > 1 else _decay(trial, course.pole).real
+            )
+            behind[-1] = behind[-2]
+            decay = np.exp(np.diff(behind)).conj()
+            for k in reversed(range(len(rows))):
+                anew[k] = weight[k] * rows[k] + decay[k] * anew[k + 1]
+                decays[k] = weight[k] ** 2 + abs(decay[k]) ** 2 * decays[k + 1]
+        return cls(
+            np.concatenate([0 * products[:1], products]),
+            anew,
+            decays,
+            behind,
+            float(size[-1] ** 2),
+            np.append(0.0, np.cumsum(np.where(used, np.log(trial.noise.weight), 0.0))),
+            np.append(0, np.cumsum(used)),
+        )
+
+    def within(self, pairs: np.ndarray) -> np.ndarray:
+        """(m, K + 2, K + 2) sums over stretches of what decays from where they begin, D and r."""
+        first, last = pairs.T
+        gone = np.exp(self.behind[last] - self.behind[first])
+        cross = self.anew[first] - gone.conj()[:, None] * self.anew[last]
+        own = self.decays[first] - np.abs(gone) ** 2 * self.decays[last]
+        return _bordered(self.products[last] - self.products[first], cross, own)
+
+    def beside(self, pairs: np.ndarray) -> np.ndarray:
+        """The same over all other rows, of what decays from where the stretches end."""
+        first, last = pairs.T
+        products = self.products[-1] - (self.products[last] - self.products[first])
+        return _bordered(products, self.anew[last], self.decays[last])
+
+    def sides(self, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) the costs of the rows inside and outside of stretches (m, 2): half of the logarithm of each
+        row's noise, whose level is nowhere less than outside, and of what numbers cost."""
+        within, beside = self.within(pairs), self.beside(pairs)
+        rows, plate = self.used[pairs[:, 1]] - self.used[pairs[:, 0]], self.products.shape[1] - 1
+        numbers, others = (plate + (x[:, 0, 0].real > 0) for x in (within, beside))
+        own = np.maximum(rows - numbers, 1)
+        rest = np.maximum(self.used[-1] - rows - others, 1)
+        level = _left(beside) / rest
+        inside = np.maximum(_left(within) / own, level)
+        cost = 0.5 * numbers * np.log(np.maximum(rows, 1))
+        return 0.5 * rows * np.log(inside) + cost, 0.5 * (self.used[-1] - rows) * np.log(level)
+
+    def costs(self, pairs: np.ndarray) -> np.ndarray:
+        """(m,) of all rows."""
+        return np.add(*self.sides(pairs))
+
+    def goes_on(self, pair: np.ndarray) -> complex:
+        """The state behind a stretch, of the plate that the rest shows."""
+        gram = self.beside(pair[None])
+        return complex(_solved(gram)[0, 0]) * np.sqrt(self.unit)
 
 
-def _left(sums: np.ndarray) -> np.ndarray:
+def _bordered(products: np.ndarray, cross: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Sums of products with one more column in front."""
+    top = np.concatenate([own[:, None], cross], axis=1)
+    below = np.concatenate([cross.conj()[:, :, None], products], axis=2)
+    return np.concatenate([top[:, None, :], below], axis=1)
+
+
+def _solved(gram: np.ndarray) -> np.ndarray:
+    """(m, K) the coefficients of the columns by which these leave the least of the last."""
+    h, g = gram[:, :-1, :-1], gram[:, :-1, -1]
+    size = np.sqrt(np.maximum(np.diagonal(h, axis1=1, axis2=2).real, 1.0))
+    h = h / (size[:, :, None] * size[:, None, :]) + REGULAR * np.eye(h.shape[1])
+    return np.linalg.solve(h, (g / size)[..., None])[..., 0] / size
+
+
+def _left(gram: np.ndarray) -> np.ndarray:
     """(m,) the power of rows of which plate and bench make what they can."""
-    h, g, r = sums[:, :-1, :-1], sums[:, :-1, -1], sums[:, -1, -1].real
-    h = h + REGULAR * np.eye(h.shape[1])
-    return np.maximum(r - np.sum(g.conj() * np.linalg.solve(h, g[..., None])[..., 0], axis=1).real, ROUNDED)
+    known = np.sum(gram[:, :-1, -1].conj() * _solved(gram), axis=1).real
+    return np.maximum(gram[:, -1, -1].real - known, ROUNDED)
 
 
-def _sides(sums: np.ndarray, used: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(m,) the costs of the rows inside and outside of stretches (m, 2), of `used` (n + 1,) rows up to a row:
-    half of the logarithm of each row's noise, whose level is nowhere less than outside, and of what K numbers
-    cost."""
-    within, rows = sums[pairs[:, 1]] - sums[pairs[:, 0]], used[pairs[:, 1]] - used[pairs[:, 0]]
-    numbers = sums.shape[1] - 1
-    own, rest = np.maximum(rows - numbers, 1), np.maximum(used[-1] - rows - numbers, 1)
-    level = _left(sums[-1] - within) / rest
-    inside = np.maximum(_left(within) / own, level)
-    cost = 0.5 * numbers * np.log(np.maximum(rows, 1))
-    return 0.5 * rows * np.log(inside) + cost, 0.5 * (used[-1] - rows) * np.log(level)
+@lru_cache(maxsize=1)  # for all stretches of a log
+def _sums(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]) -> _Sums:
+    return _Sums.of(trial, LogResponse.of(trial, reference, np.array(theta)))
 
 
 def _pairs(begins: np.ndarray, ends: np.ndarray, rows: int) -> np.ndarray:
@@ -111,34 +202,37 @@ def _pairs(begins: np.ndarray, ends: np.ndarray, rows: int) -> np.ndarray:
 
 
 def _likeliest(trial: Trial, about: About, most: int = STARTS) -> np.ndarray:
-    """(m, 2) the likeliest stretches that differ, seen from a plate, in shares of the log: the best first."""
-    sums, *_ = _sums(trial, about.reference, tuple(about.theta.tolist()))
-    n, used = len(trial.log), np.append(0, np.cumsum(trial.there))
+    """(m, 4) the likeliest stretches that differ, seen from a plate, in shares of the log, and the states
+    behind them, in shares of the largest response: the best first."""
+    sums = _sums(trial, about.reference, tuple(about.theta.tolist()))
+    n = len(trial.log)
     places = np.unique(np.rint(np.linspace(0, n, EDGES + 1)).astype(int))
     apart = max(b - a for a, b in pairwise(places))
     pairs = _pairs(places, places, n)
-    pairs = pairs[np.argsort(np.add(*_sides(sums, used, pairs)), kind="stable")]
+    pairs = pairs[np.argsort(sums.costs(pairs), kind="stable")]
     found: list[np.ndarray] = []
     while len(pairs) and len(found) < most:
-        found.append(_closer(sums, used, pairs[0], apart) / n)
+        best = _closer(sums, pairs[0], apart)
+        state = sums.goes_on(best) / about.top
+        found.append(np.array([*best / n, state.real, state.imag]))
         pairs = pairs[np.max(np.abs(pairs - pairs[0]), axis=1) > ALIKE * n]
     return np.array(found)
 
 
-def _closer(sums: np.ndarray, used: np.ndarray, pair: np.ndarray, apart: int) -> np.ndarray:
+def _closer(sums: _Sums, pair: np.ndarray, apart: int) -> np.ndarray:
     """(2,) the likeliest stretch near one whose ends are known to so many rows: to the row."""
-    n = len(used) - 1
+    n = len(sums.used) - 1
     while apart:
         step = -(-apart // FINER)
         begins, ends = (np.clip(x + step * np.arange(-FINER, FINER + 1), 0, n) for x in pair)
         near = _pairs(begins, ends, n)
-        pair = near[int(np.argmin(np.add(*_sides(sums, used, near))))]
+        pair = near[int(np.argmin(sums.costs(near)))]
         apart = step // 2
     return pair
 
 
 def _best(trial: Trial, about: About) -> np.ndarray:
-    """(2,) the likeliest."""
+    """(4,) the likeliest."""
     return _likeliest(trial, about, 1)[0]
 
 
@@ -167,15 +261,15 @@ def _said(trial: Trial, found: dict[str, Number]) -> Told:
 STRETCH = Effect(
     name="stretch",
     shows=_moves,
-    stds=lambda trial, about: np.ones(2),
+    stds=lambda trial, about: np.ones(4),
     starts=_likeliest,
     applied=_without,
     hop=_best,
     stretched=_stretched,
     numbers=_numbers,
     said=_said,
-    rough=True,
-    linear=(),
+    rough=always,
+    linear=(2, 3),  # a state
     places=nowhere,
     makes_sense=lambda values, stds, own: bool(values[1] > values[0]),
 )
