@@ -1,6 +1,8 @@
 """What drifts while a log is recorded, or from one to the next: the resonance with the time or by the plate's
 own heat, a thermometer behind its plate, an output offset, the phase of a demodulator."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sysid.effects.effect import (
@@ -156,29 +158,77 @@ def _creeping(trial: Trial) -> bool:
     return moving and len(log) >= LEAST_ROWS and log.time[-1] > log.time[0]
 
 
-def _crept(trial: Trial, values: np.ndarray, about: About) -> Trial:
+def _along(trial: Trial) -> np.ndarray:
+    """(n,) the time, from 0 to 1."""
     time = trial.log.time
-    return beside(trial, values, about, (time - time[0]) / (time[-1] - time[0]))
+    return (time - time[0]) / (time[-1] - time[0])
 
 
-def _crept_said(trial: Trial, found: dict[str, Number]) -> Told:
-    share, error = size(found)
-    return Told(
-        f"its output offset drifts by {share:.2g} ± {error:.1g} % of the largest response from the first row"
-        " to the last",
-        "wait until it is constant, or record a shorter log",
+def _read(trial: Trial) -> np.ndarray:
+    """(n,) the temperature, from 0 to 1."""
+    degC = trial.log.temperature
+    return (degC - np.min(degC)) / np.ptp(degC)
+
+
+def _offset_drift(
+    what: str, to_do: str, shapes: dict[str, Callable[[Trial], np.ndarray]], warm: bool = False
+) -> Effect:
+    """An output offset that goes with the sum of these shapes (n,), each from 0 to 1 or -1 to 1."""
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        for part, shape in zip(values.reshape(-1, 2), shapes.values(), strict=True):
+            trial = beside(trial, part, about, shape(trial))
+        return trial
+
+    def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+        each = zip(shapes, values.reshape(-1, 2), stds.reshape(-1, 2), strict=True)
+        return {name + k: n for k, v, s in each for name, n in shares(trial, v, s, about).items()}
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        share, error = size(found)
+        return Told(f"its output offset {what} by {share:.2g} ± {error:.1g} % of the largest response", to_do)
+
+    return Effect(
+        name="offset_drift",
+        shows=lambda trial: _creeping(trial) and (not warm or _warmer(trial)),
+        stds=lambda trial, about: np.full(2 * len(shapes), CREPT),
+        starts=lambda trial, about: np.zeros((1, 2 * len(shapes))),  # it is linear
+        applied=applied,
+        numbers=numbers,
+        said=said,
+        linear=tuple(range(2 * len(shapes))),
+        places=None if len(shapes) == 1 else nowhere,
     )
 
 
-OFFSET_DRIFT = Effect(
-    name="offset_drift",
-    shows=_creeping,
-    stds=lambda trial, about: np.array([CREPT, CREPT]),
-    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
-    applied=_crept,
-    numbers=shares,
-    said=_crept_said,
-    linear=(0, 1),
+def _warmer(trial: Trial) -> bool:
+    """Whether the temperature is recorded, and changes."""
+    degC = trial.log.temperature
+    return degC is not None and bool(np.ptp(degC) > LEAST_WARMING)
+
+
+# with the time, straight or as a curve that bends twice; or with the temperature that was recorded
+OFFSET_DRIFTS = (
+    _offset_drift(
+        "drifts from the first row to the last",
+        "wait until it is constant, or record a shorter log",
+        {"": _along},
+    ),
+    _offset_drift(
+        "drifts, and bends,",
+        "wait until it is constant, or record a shorter log",
+        {
+            "": _along,
+            "_second": lambda trial: np.polynomial.Legendre([0, 0, 1])(2 * _along(trial) - 1),
+            "_third": lambda trial: np.polynomial.Legendre([0, 0, 0, 1])(2 * _along(trial) - 1),
+        },
+    ),
+    _offset_drift(
+        "follows the temperature",
+        "wait until it is constant, or subtract what the sensor shows of the temperature alone",
+        {"": _read},
+        True,
+    ),
 )
 
 

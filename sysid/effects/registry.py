@@ -4,7 +4,7 @@ from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SECOND_POLE, SLOPE
 from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST
 from sysid.effects.drift import (
     F0_DRIFT,
-    OFFSET_DRIFT,
+    OFFSET_DRIFTS,
     OWN_RESONANCE,
     PHASE_DRIFT,
     SELF_HEATING,
@@ -43,7 +43,7 @@ EFFECTS: tuple[Effect, ...] = (
     SECOND_POLE,
     FEEDTHROUGH,
     SLOPE,
-    OFFSET_DRIFT,
+    *OFFSET_DRIFTS,
     DWELL,
     PHASE_DELAY,
     THERMOMETER_LAG,
