@@ -182,6 +182,17 @@ def unlike(rng):
     return swept(rng, f, y.real + 0.94j * y.imag)
 
 
+@seeds(4, 20)
+def test_the_gain_is_open_where_nobody_knows_which_channel_is_right(seeds):
+    """G was the mean of both channels, with an error of a tenth of what it was off."""
+    for seed in seeds:
+        fit = sysid.fit(unlike(np.random.default_rng(seed)))
+        assert [f.key for f in fit.findings if f.outcome == "fitted"] == ["image"]
+        found = fit.parameters["G"]
+        assert found.std > 0.5 * 0.03 and abs(found.value - 1) < FAR * found.std  # 3 % to either side
+        assert abs(fit.parameters["tau"].value - TAU) < FAR * fit.parameters["tau"].std
+
+
 def coupled(rng):
     """A step behind a high-pass of 12 ms, of closed form: dy/dt = dw/dt - y/T."""
     t, off = 1e-4 * (np.arange(240) - 20), 8.0

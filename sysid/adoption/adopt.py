@@ -123,7 +123,7 @@ class _Adoption:
                 others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
                 del others[best.instances[-1].effect.name]
                 return done._replace(
-                    dispersion=done.dispersion + _between(done, alike),
+                    dispersion=done.dispersion + _between(done, alike) + _open(done),
                     nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
                     rough=any(map(_rough, (best, *alike))),
                     rival=max(others.values(), default=-np.inf),
@@ -255,6 +255,14 @@ def _most_evidence(found: Found) -> float:
 
 def _most(worth: float, freedom: int) -> float:
     return worth - 0.5 * freedom * float(np.log(max(2 * worth / freedom, 1.0)))
+
+
+def _open(found: Description) -> np.ndarray:
+    """(6, 6) what effects that all driven logs have leave open of theta."""
+    driven = {i for i, t in enumerate(found.state.trials) if t.driven}
+    each = zip(found.instances, found.parts, strict=True)
+    left = [x.effect.leaves(found.numbers[part]) for x, part in each if driven.issubset(x.where)]
+    return sum((np.outer(std, std) for std in left), np.zeros((len(NAMES), len(NAMES))))
 
 
 def _between(best: Description, alike: Sequence[Description]) -> np.ndarray:

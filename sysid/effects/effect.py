@@ -15,6 +15,7 @@ import numpy as np
 from sysid.effects.number import Number, number
 from sysid.logs.log import Log
 from sysid.minimum.minimise import State
+from sysid.model.theta import NAMES
 from sysid.rows.hold import cut
 from sysid.trials.trial import Trial, with_noise
 from sysid.trials.whitening import uneven
@@ -87,7 +88,8 @@ class Effect:
     numbers it may look like anything, so that all others are tried as well. `hop`: of numbers that a log
     follows in steps, but for linear ones, where they had better be, seen from the plate near by, from which
     it is applied as well. `follows`: it takes how the plate moves from the row before, which has to be much
-    nearer than tau: where it is not, each row would tell the next one. `makes_sense`: whether numbers and
+    nearer than tau: where it is not, each row would tell the next one. `leaves`: (6,) standard deviations
+    of theta that its numbers leave open, where all driven logs have it. `makes_sense`: whether numbers and
     their standard deviations are those of the effect, where the plate's response would be `own` times the
     largest of the logs at the most; unless stated, whether one that is linear is seen at all."""
 
@@ -116,6 +118,7 @@ class Effect:
     hop: Callable[[Trial, About], np.ndarray] | None = None
     stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
     follows: bool = False
+    leaves: Callable[[np.ndarray], np.ndarray] = lambda values: np.zeros(len(NAMES))
     makes_sense: Callable[[np.ndarray, np.ndarray, float], bool] | None = None
 
     def seen(self, values: np.ndarray, stds: np.ndarray, own: float = 1.0) -> bool:

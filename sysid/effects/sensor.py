@@ -21,6 +21,7 @@ from sysid.effects.effect import (
 )
 from sysid.effects.number import Number, number
 from sysid.logs.log import Log
+from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial
 
 FORGOTTEN = np.array([0.03, 0.1, 0.3, 1.0, 3.0, 10.0])  # time constants of a high-pass in a log
@@ -152,8 +153,14 @@ def _mirrored_said(trial: Trial, found: dict[str, Number]) -> Told:
     return Told(
         f"d and q are not alike: {share:.2g} ± {error:.1g} % of the response is mirrored, as by channels"
         " whose gains differ by twice as much or that are not at right angles",
-        "calibrate the channels against each other",
+        "calibrate the channels against each other; which of them is right G's error leaves open",
     )
+
+
+def _unlike(values: np.ndarray) -> np.ndarray:
+    """Of two channels whose gains are off independently, and by (1 + c)/(1 - c) unlike, the mean is off by a
+    standard deviation of c as well."""
+    return np.array([float(values[0]) * (name == "G") for name in NAMES])
 
 
 IMAGE = Effect(
@@ -165,6 +172,7 @@ IMAGE = Effect(
     numbers=shares,
     vague=lambda values: True,  # half of what anything adds to d and q
     said=_mirrored_said,
+    leaves=_unlike,
     linear=(0, 1),
     scope="bench",
 )
