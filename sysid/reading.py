@@ -21,6 +21,7 @@ from sysid.rows.dwell import (
     of_the_row_before,
     remembered,
 )
+from sysid.rows.lost import copies
 from sysid.rows.onset import onset
 from sysid.rows.prepare import undelayed
 from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
@@ -43,13 +44,22 @@ def from_onsets(logs: Sequence[Log]) -> tuple[tuple[Log, ...], list[str]]:
     return tuple(cut), said
 
 
+def _once(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+    """The logs with each row once, and a sentence on each that had copies."""
+    again = [copies(log) for log in logs]
+    once = [taken(log, np.flatnonzero(~x)) if np.any(x) else log for log, x in zip(logs, again, strict=True)]
+    said = [f"{log.name}: {wording.copied(x)}" for log, x in zip(logs, again, strict=True) if np.any(x)]
+    return once, said
+
+
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
     """How each log is read at first, and sentences on what was assumed."""
+    logs, again = _once(logs)
     readings = thermometer.of_plates(
         [log.temperature for log in logs], [log.temperature_digit for log in logs]
     )
     recorded = [r.temperature.mean() for r in readings if r is not None]
-    found, warnings = [], list(dict.fromkeys(said for log in logs for said in log.warnings))
+    found, warnings = [], [*dict.fromkeys(said for log in logs for said in log.warnings), *again]
     for log, read in zip(logs, readings, strict=True):
         if read is not None:
             log = replace(

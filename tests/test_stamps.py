@@ -106,6 +106,9 @@ def test_rounded_frequencies_of_a_sweep_up_and_down():
         assert np.max(np.abs(found - path)) < 2.5  # half of the digit at each row, unless it is taken off
         assert even_sweep(path) is None
         assert even_sweep(np.round(path + 0.123 * np.arange(len(path)), 1)) is None  # fine enough
+    points = np.repeat(25100 + 10.0 * np.arange(40), 2)  # each measured twice
+    for path in (points, points[::-1], np.append(points, points[::-1])):
+        assert even_sweep(path) is None
 
 
 @pytest.mark.parametrize("stated, parts", [({"delay_s": 0.0}, 10), study({"delay_s": 0.0}, 1), ({}, 10)])
@@ -128,3 +131,15 @@ def test_a_frequency_that_runs_on_between_rows(stated, parts):
     off = 1.0 if stated and parts > 1 else 0.0  # Hz, half a row, of which a tenth is a part's own
     assert abs(f0.value + off - PLANT.f0) < 4 * f0.std + 0.1
     assert not said or "f0 is 1 Hz higher" in said[0]
+
+
+def test_a_row_that_is_there_twice_counts_once():
+    """Points of a sweep that were written twice were rounded frequencies, with f0 seven errors off."""
+    rng, f = np.random.default_rng(3), 32000 + 10.0 * np.arange(61)
+    y = 1 / (1 + 2j * np.pi * (f - 32300) * 1.6e-3) + 0.01 * (rng.normal(size=61) + 1j * rng.normal(size=61))
+    twice, once = (
+        sysid.fit(sysid.Log("sweep", y[rows], drive=np.ones(len(rows)), frequency=f[rows], kind="steady"))
+        for rows in (np.repeat(np.arange(61), 2), np.arange(61))
+    )
+    assert twice.parameters == once.parameters
+    assert any("61 of 122 rows are the row before once more" in said for said in twice.warnings)

@@ -46,14 +46,17 @@ def even(time: np.ndarray, firm: float = FIRM) -> tuple[np.ndarray, float] | Non
 
 
 def even_sweep(frequency: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """The same of the frequencies (n,) of a sweep (Hz), of all its ways up and down."""
+    """The same of the frequencies (n,) of a sweep (Hz), of all its ways up and down; None where each point is
+    there as often as any other: it was measured so often, and no step is just that part of a digit."""
     way = np.sign(np.diff(frequency))
     moves = np.flatnonzero(way)
     turns = moves[1:][np.diff(way[moves]) != 0]  # rows from which it goes back
     begins = np.where(way[turns - 1] == 0, turns, turns + 1)
     found, digits = [], []
     for part in np.split(frequency, begins):
-        falls = part[-1] < part[0]
+        falls, often = part[-1] < part[0], np.diff(np.flatnonzero(np.diff(part)))
+        if len(often) and often[0] > 1 and np.ptp(often) == 0:
+            return None
         if (line := even(-part if falls else part, FIRM_SWEEP)) is None:
             return None
         if line[1] < COARSE * abs(line[0][1] - line[0][0]):

@@ -34,6 +34,17 @@ def lost(log: Log) -> np.ndarray:
     return _zero(log) | _held(log)
 
 
+def copies(log: Log) -> np.ndarray:
+    """(n,) rows that are the row before once more: all that were recorded at the same inputs, and at the same
+    time, read the same, and no noise of their own."""
+    columns = [getattr(log, name) for name in ("time", "frequency", "drive", "temperature", "force")]
+    at = [c[1:] == c[:-1] for c in columns if c is not None]
+    alike = np.append(False, np.logical_and.reduce(at)) if at else np.zeros(len(log), bool)
+    again = np.append(False, log.response[1:] == log.response[:-1])
+    timed = log.time is not None or log.kind == "steady"
+    return alike if timed and np.all(again[alike]) and not np.all(again[1:]) else np.zeros(len(log), bool)
+
+
 def _zero(log: Log) -> np.ndarray:
     size = np.abs(log.response)
     zero, found = size == 0, np.zeros(len(log), bool)

@@ -98,6 +98,12 @@ def unsettled(left: float) -> str:
     )
 
 
+def copied(again: np.ndarray) -> str:
+    """That these rows are copies."""
+    share = f"{np.sum(again)} of {len(again)} rows"
+    return f"{share} are the row before once more, in every column; each counts once"
+
+
 def rounded_stamps(time: np.ndarray, digit: float) -> str:
     """That an even clock's stamps were rounded, and which clock it is taken to be."""
     period = float(np.mean(np.diff(time)))
