@@ -131,8 +131,11 @@ class _Adoption:
         return None
 
     def _enough(self, best: Description) -> bool:
-        """Whether nothing else has to be tried beside it."""
-        known = not best.vague and not _rough(best)
+        """Whether nothing else has to be tried beside it. What follows the rows of a transient may tell each
+        by the one before, whatever it is."""
+        trials = best.state.trials
+        follows = any(x.effect.follows and not trials[i].steady for x in best.instances for i in x.where)
+        known = not (best.vague or follows)
         return best.sense and known and best.white and self.ahead(best)
 
     def ahead(self, best: Description) -> bool:

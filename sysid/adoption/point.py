@@ -144,6 +144,15 @@ class Points:
         """A log as it was recorded, and what is known of it, from a plate and a bench near by."""
         return replace(self.trials[i], bench=state.trials[i].bench), self.about._replace(theta=state.theta)
 
+    def told(self, where: set[int], state: State) -> float:
+        """The information of tau in a state over that in the plant alone, in the noise of its one log, a
+        transient; 1 where settled points, or other logs, tell it as well."""
+        if any(t.steady or (t.driven and i not in where) for i, t in enumerate(self.trials)):
+            return 1.0
+        (i,) = where
+        noise = [x.trials[i].noise.std for x in (state, self.alone)]
+        return float((self.alone.covariance[1, 1] / noise[1] ** 2) / (state.covariance[1, 1] / noise[0] ** 2))
+
     def sensible(
         self, instances: Sequence[Instance], numbers: np.ndarray, stds: np.ndarray, state: State
     ) -> bool:

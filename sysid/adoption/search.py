@@ -29,6 +29,7 @@ ROUGH = Rounds(1, steps=8, white=True)
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 LONG = 512  # rows, which tell the colour of a log's noise well enough
+TOLD = 0.1  # of what a log tells of tau, that has to be left beside what happened in it
 NUGGET = 1e-6  # of the power of noise behind a filter: a recorder's own
 
 
@@ -163,10 +164,10 @@ class Search:
         return found._replace(sense=self.make_sense(found))
 
     def make_sense(self, found: Description) -> bool:
-        """Whether all numbers are those of their effects."""
-        return self.points.sensible(
-            found.instances, found.numbers, np.sqrt(np.diag(found.covariance)), found.state
-        )
+        """Whether all numbers are those of their effects, of a plate that the logs still show."""
+        stds = np.sqrt(np.diag(found.covariance))
+        seen = not found.event or self.points.told(found.where, found.state) > TOLD
+        return seen and self.points.sensible(found.instances, found.numbers, stds, found.state)
 
     def stated(self, found: Description) -> tuple["Search", Description] | None:
         """The search and the description with the logs as they are read where their metadata state what was
