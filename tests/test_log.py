@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 import tomllib
+import unicodedata
 
 import numpy as np
 import pytest
@@ -156,6 +157,42 @@ def test_inputs_by_other_usual_names_are_read_and_noted(save, header, name, valu
             log.temperature.tolist() == [25.0, 25.0]
             and "metadata 'temp_degC' is read as temperature" in log.notes
         )
+
+
+LANGUAGES = (
+    "Zeit [ms];Spannung [V];Frequenz [kHz];Temperatur [°C]",
+    "Temps (ms);Tension (V);Fréquence (kHz);Température (°C)",
+    "TEMPS_ms;TENSION_V;FREQUENCE_kHz;TEMPERATURE_C",
+    "Tiempo (ms);Tensión (V);Frecuencia (kHz);Temperatura (°C)",
+    "tiempo_ms;voltaje_V;frecuencia_kHz;temperatura_degC",
+    "Tempo [ms];Tensione [V];Frequenza [kHz];Temperatura [°C]",
+    "Время, мс;Напряжение, В;Частота, кГц;Температура, °C",
+)
+
+
+@pytest.mark.parametrize("form", ["NFC", "NFD"])  # an accent of its own, as some systems write it
+@pytest.mark.parametrize("header", LANGUAGES)
+def test_inputs_are_known_in_other_languages(save, header, form):
+    log = read_one(
+        save(unicodedata.normalize(form, header) + ";wd_um;wq_um\n0;0;32,25;24,5;0;1\n100;5;32,25;24,5;2;1\n")
+    )
+    assert log.time.tolist() == [0.0, 0.1] and log.drive.tolist() == [0.0, 5.0] and log.drive_unit == "V"
+    assert log.frequency.tolist() == [32250.0] * 2 and log.temperature.tolist() == [24.5] * 2
+    assert len(log.notes) >= 2 and all("is read as" in note for note in log.notes)
+
+
+def test_volts_of_another_name_may_be_the_drive_of_a_log_without_one(save):
+    said = "column Amp out [V] is kept out of the fit"
+    way = "; if it is the drive, call it voltage_V"
+    rows = "time_s,Amp out [V],{}\n0,3,1\n1,4,2\n"
+    assert read_one(save(rows.format("w_um"))).notes == (said + way,)
+    assert read_one(save(rows.format("w_V"))).notes == (said,)
+    assert read_one(save("# voltage_V: 3\n" + rows.format("w_um"))).notes == (said,)
+
+
+def test_a_tension_in_newton_is_no_drive(save):
+    log = read_one(save("time_s,Tension (N),w_um\n0,3,1\n1,4,2\n"))
+    assert log.drive is None and log.notes == ("column Tension (N) is kept out of the fit",)
 
 
 def test_another_name_gives_way_to_ours_and_to_a_unit_of_another_kind(save):
