@@ -125,6 +125,66 @@ def test_a_column_log_splits_the_file(save):
     assert second.time.tolist() == [0.0]  # time begins anew in each part
 
 
+def repeats(count, rows=4, **more):
+    """So many runs of one ramp below one another, each with time from -1, and columns that may tell them
+    apart."""
+    lines = [",".join([*more, "time_s,voltage_V,w_um"])]
+    for run in range(count):
+        for row in range(rows):
+            cells = [of(run, row) for of in more.values()]
+            lines.append(",".join(map(str, [*cells, row - 1, 5, 10 * run + row])))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("rows", [4, 70])  # within the first rows that are looked at, and beyond
+@pytest.mark.parametrize("name", ["repeat", "Bias (mA)", "frequency_Hz"])
+def test_a_column_that_changes_where_time_begins_anew_tells_logs_apart(save, name, rows):
+    columns = {"n": lambda run, row: row, "same": lambda run, row: 7, name: lambda run, row: 3 - run}
+    logs = read_logs(save(repeats(3, rows, **columns)))
+    assert [log.name for log in logs] == [f"log.csv[{k}]" for k in (3, 2, 1)]
+    for run, log in enumerate(logs):
+        assert log.time.tolist() == [row - 1 for row in range(rows)]
+        assert log.response.tolist() == [10 * run + row for row in range(rows)]
+        assert "frequency" not in name or log.frequency.tolist() == [3.0 - run] * rows
+        assert f"column {name} tells 3 logs apart: the time begins anew where it changes" in log.notes
+        assert f"column {name} is kept out of the fit" not in log.notes
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {},
+        {"cycle": lambda run, row: 2 * run + row // 2},  # changes where the time goes on as well
+        {"cycle": lambda run, row: run % 2},  # two runs of one value
+        {"cycle": lambda run, row: 7},
+        {"n": lambda run, row: 4 * run + row},  # which numbers the rows
+    ],
+)
+def test_a_column_that_may_tell_logs_apart_is_named(save, columns):
+    error = str(refused(save(repeats(3, **columns)), "line 6", "'time_s'", "'-1'", "a column `log`"))
+    assert ('split_by = "cycle"' in error) == ("cycle" in columns) and '"n"' not in error
+
+
+def test_the_named_line_tells_them_apart(save):
+    """Also where the time of a run goes on from that of the one before, in which nothing goes back."""
+    path, columns = save(repeats(2, cycle=lambda run, row: 2 * run + row // 2)), 'split_by = "cycle"\n'
+    refused(path, columns.strip())
+    logs = read_logs(path, columns=save(columns, "map.toml"))
+    assert [log.time.tolist() for log in logs] == [[-1.0, 0.0], [1.0, 2.0]] * 2
+
+
+def test_a_clock_that_is_set_back_amid_a_step_begins_no_log(save):
+    rows = "".join(f"{row - (row > 4)},{5 * (row > 4)},{row}\n" for row in range(10))
+    refused(
+        save("time_s,voltage_V,w_um\n0,0,0\n" + rows.replace("4,5,5", "3,5,5")), "not below the one before"
+    )
+
+
+def test_one_log_stays_one(save):
+    log = read_one(save(repeats(1, repeat=lambda run, row: row // 2)))
+    assert log.name == "log.csv" and log.notes == ("column repeat is kept out of the fit",)
+
+
 @pytest.mark.parametrize("unit, first", [("°F", -155 / 9), ("°C", 1.0), ("K", -272.15)])
 def test_a_temperature_in_french_has_any_unit_of_its_kind(save, unit, first):
     log = read_one(save(f"frequency_Hz,w_um,Température ({unit})\n1,1,1\n2,1,2\n"))
