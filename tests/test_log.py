@@ -624,6 +624,41 @@ def test_an_input_that_is_nearly_stated_is_a_warning_where_the_log_lacks_it(save
     assert read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings == ()
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "attenuator_dB: 20", "drive attenuator: 20 dB", "attenuation: 1:10", "amplifier gain = 20", "probe: 10x", "PROBE: x10",
+        "vibrometer: 125 mm/s/V", "sensitivity_mV_per_g: 100", "Sensor: 10 pC/N", "range: 2 V", "scale: 0.5",
+        "Verstärkung: 20", "Sensibilité: 5 mV/g", "коэффициент усиления: 20",
+    ],
+)  # fmt: skip
+def test_a_factor_that_is_stated_and_not_applied_is_told_once(save, line):
+    """And the lines of the mapping file that are named apply one, and are the last word."""
+    path = save(f"# {line}\n" + HEADER + ROWS)
+    log = read_one(path)
+    check_usual(log)
+    key = re.split(" *[:=] *", line)[0]
+    assert log.warnings == () and len(log.notes) == 1
+    assert log.notes[0].startswith(f"metadata {key!r} is not used: voltage, wd, wq are as their columns say")
+    lines = log.notes[0].partition("of the lines ")[2].partition(" says it")[0]
+    assert lines == 'find = true, amplitude = "peak", columns.voltage.scale = FACTOR'
+    columns = save(lines.replace(", ", "\n").replace("FACTOR", "0.1"), "map.toml")
+    scaled = read_one(path, columns=columns)
+    assert scaled.drive.tolist() == [0.5, 0.5, 0.4] and scaled.response.tolist() == log.response.tolist()
+    assert not any("not used" in note for note in scaled.notes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "gain: 0 dB", "gain: 1", "probe: 1x", "Probe: PT100", "range: 10 kHz", "Frequency range: 800", "time scale: 1 ms",
+        "Temperature probe: 3", "Sweep scale: log", "slope: 24 dB/oct", "volts_per_duty: 24", "gain: 1,234.5.6", "Volts/Div: 2",
+    ],
+)  # fmt: skip
+def test_what_is_no_factor_is_no_note(save, line):
+    assert read_one(save(f"# {line}\n" + HEADER + ROWS)).notes == ()
+
+
 PREAMBLES = {
     "network analyser": """
         CSV A.01.01|Keysight Technologies,E5061B,MY49304567,A.03.50|Date: Monday, March 31, 2024 12:00:00

@@ -10,6 +10,7 @@ import re
 from collections.abc import Collection, Mapping
 from itertools import pairwise
 
+from sysid.columns.factors import not_applied
 from sysid.columns.found import completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
@@ -72,7 +73,9 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
     if plan.quantity != "impedance":
         _refuse_ohms(head, plan, mapping)
-    return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+    return dataclasses.replace(
+        plan, notes=(*plan.notes, *_powers(head, plan), *not_applied(head, plan, mapping))
+    )
 
 
 def _by_rate(head: Head, plan: Plan) -> Plan:
