@@ -22,9 +22,9 @@ shown
 tables     densities units textfile cells scattered stamps pieces preamble axis sheet layout csvfile csvbody joined compound store
            hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
-columns    preset plan signal mapping mapfile labels survey roles draft found metadata unknown synonyms header
+columns    preset plan signal mapping mapfile labels factors survey roles draft found metadata unknown synonyms header
 demodulation  lockin switched carrier waveform
-logs       capture opening missing filled stated timed benchwords together within doubts copies log read alike taken written made
+logs       capture opening missing filled stated parted timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew

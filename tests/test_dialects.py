@@ -462,6 +462,31 @@ def test_the_largest_number_that_is_one_is_fitted_in_silence(save):
     assert fit([log]).result is not Result.successful
 
 
+@pytest.mark.parametrize(
+    ("above", "delimiter", "decimal"),
+    [
+        ("TIME,VOLTAGE,FREQUENCY,WD,WQ\nms,V,kHz,nm,nm", ",", "."),
+        ("TIME;VOLTAGE;FREQUENCY;WD;WQ\n[ms];[V];[kHz];[nm];[nm]", ";", ","),
+        ("TIME\tDRIVE\tFREQ\tW_D\tW_Q\nms\tV\tkHz\tnm\tnm", "\t", "."),
+        ("TIME;U;FREQ;WD;WQ\nms;V;KHZ;NM;NM", ";", ","),
+        ("time [ms];U [V];freq [kHz];wd [nm];wq [nm]", ";", ","),
+    ],
+)
+def test_names_in_capitals_and_units_below_them(save, above, delimiter, decimal):
+    rows = [[0.0, 0.0, 32.25, 0.0, 1.5], [0.5, 50.0, 32.25, 20.0, -2.5]]
+    text = "".join(delimiter.join(f"{x}".replace(".", decimal) for x in row) + "\n" for row in rows)
+    (log,) = read_logs(save(f"{above}\n{text}"))
+    assert log.time.tolist() == [0.0, 0.0005] and log.drive.tolist() == [0.0, 50.0]
+    assert log.frequency.tolist() == [32250.0] * 2 and log.response.tolist() == [1.5j, 20 - 2.5j]
+    assert (log.drive_unit, log.response_unit) == ("V", "nm")
+
+
+def test_a_time_of_day_goes_before_a_date_beside_it(save):
+    rows = "".join(f"2024-03-31;12:00:0{k};{k};1\n" for k in range(4))
+    (log,) = read_logs(save("Datum;Uhrzeit;Spannung [V];w [um]\n" + rows))
+    assert log.time.tolist() == [0.0, 1.0, 2.0, 3.0] and log.drive.tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
 # Drafts
 
 

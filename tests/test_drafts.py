@@ -14,6 +14,7 @@ from refusal import draft_of, refused
 
 from sysid.columns.labels import parse
 from sysid.logs.read import read_logs
+from sysid.tables import units
 
 F = np.arange(31800.0, 32801.0, 20.0)
 S = 0.05 / (1 + 2j * np.pi * (F - 32300) * 1.67e-3) * np.exp(0.4j)  # a lock-in's X + jY
@@ -259,6 +260,9 @@ LONE = {
     "t,V,T": (T, DRIVE, SPEED),
     "time,pwm,rpm": (T, DRIVE / 5, SPEED),
     "time (s),ax (m/s^2)": (T, SPEED),
+    "time_s,voltage_V,speed_rad_s": (T, DRIVE, SPEED),
+    "TIME_S,VOLTAGE_V,SPEED_RAD/S": (T, DRIVE, SPEED),
+    "Zeit_s,Spannung_V,Geschwindigkeit_mm_s": (T, DRIVE, SPEED),
 }
 
 
@@ -284,6 +288,7 @@ RAMP = np.clip((T - 1.0) / 0.4, 0, 1) * 4.0
 PAIRS = {  # of units that are not known, and of readings of few digits
     "Temps (s),Rapport cyclique (%),Vitesse (tr/min)": (LATE, SPEED, ("duty", "%", "tr/min")),
     "Zeit (s),Tastgrad (%),Drehzahl (U/min)": (LATE, SPEED, ("duty", "%", "U/min")),
+    "Time (s),Heater (%),Speed (rpm)": (LATE, SPEED, ("duty", "%", "rpm")),
     "t_ms,valve_V,p_bar": (RAMP, PRESSURE, ("voltage", "V", "?")),
     "Time (s),Heater (W),TC1 (F)": (LATE, 70 + SPEED, ("drive", "W", "degF")),
     "Time (s),Heater (W),TC2 (C)": (LATE, 20 + SPEED, ("drive", "W", "degC")),
@@ -311,6 +316,31 @@ def test_of_two_that_tell_nothing_the_response_is_asked_for(save, head):
     assert tomllib.loads(draft)["columns"]["w"] == {"column": "?", "unit": "?"}
     assert "quantity" not in draft and "phase_sign" not in draft
     refused(path, "no column '?'", columns=save(answered(draft).replace('"V"', '"?"'), "map.toml"))
+
+
+def test_a_response_in_seconds_is_asked_for_its_unit(save):
+    draft = refused(save(table("time_s,voltage_V,speed_A_s", T, DRIVE, SPEED))).mapping
+    assert tomllib.loads(draft)["columns"]["w"] == {"column": "speed_A_s", "unit": "?"}
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "Frequenz [Hz],Betrag [um],Phasenverschiebung [°]",
+        "Fréquence (Hz),Amplitude (um),Déphasage (°)",
+        "Frecuencia (Hz),Amplitud (um),Fase (°)",
+        "Frequenza (Hz),Ampiezza (um),Fase (°)",
+        "Частота (Гц),Амплитуда (мкм),Фаза (град)",
+        "FREQUENCY_HZ,AMPLITUDE_UM,PHASE_DEG",
+    ],
+)
+def test_a_response_is_known_in_other_languages(save, head):
+    path = save(table(head, F, *polar(S)))
+    names = tomllib.loads(answered(refused(path).mapping))["columns"]
+    assert {name: of["column"] for name, of in names.items()} == dict(
+        zip(("frequency", "magnitude", "phase"), head.split(","), strict=True)
+    )
+    assert [units.short(of["unit"]) for of in names.values()][:2] == ["Hz", "um"]
 
 
 def test_what_counts_the_rows_is_no_response(save):

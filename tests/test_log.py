@@ -6,6 +6,7 @@ import hashlib
 import math
 import re
 import tomllib
+import unicodedata
 
 import numpy as np
 import pytest
@@ -124,6 +125,66 @@ def test_a_column_log_splits_the_file(save):
     assert second.time.tolist() == [0.0]  # time begins anew in each part
 
 
+def repeats(count, rows=4, **more):
+    """So many runs of one ramp below one another, each with time from -1, and columns that may tell them
+    apart."""
+    lines = [",".join([*more, "time_s,voltage_V,w_um"])]
+    for run in range(count):
+        for row in range(rows):
+            cells = [of(run, row) for of in more.values()]
+            lines.append(",".join(map(str, [*cells, row - 1, 5, 10 * run + row])))
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("rows", [4, 70])  # within the first rows that are looked at, and beyond
+@pytest.mark.parametrize("name", ["repeat", "Bias (mA)", "frequency_Hz"])
+def test_a_column_that_changes_where_time_begins_anew_tells_logs_apart(save, name, rows):
+    columns = {"n": lambda run, row: row, "same": lambda run, row: 7, name: lambda run, row: 3 - run}
+    logs = read_logs(save(repeats(3, rows, **columns)))
+    assert [log.name for log in logs] == [f"log.csv[{k}]" for k in (3, 2, 1)]
+    for run, log in enumerate(logs):
+        assert log.time.tolist() == [row - 1 for row in range(rows)]
+        assert log.response.tolist() == [10 * run + row for row in range(rows)]
+        assert "frequency" not in name or log.frequency.tolist() == [3.0 - run] * rows
+        assert f"column {name} tells 3 logs apart: the time begins anew where it changes" in log.notes
+        assert f"column {name} is kept out of the fit" not in log.notes
+
+
+@pytest.mark.parametrize(
+    "columns",
+    [
+        {},
+        {"cycle": lambda run, row: 2 * run + row // 2},  # changes where the time goes on as well
+        {"cycle": lambda run, row: run % 2},  # two runs of one value
+        {"cycle": lambda run, row: 7},
+        {"n": lambda run, row: 4 * run + row},  # which numbers the rows
+    ],
+)
+def test_a_column_that_may_tell_logs_apart_is_named(save, columns):
+    error = str(refused(save(repeats(3, **columns)), "line 6", "'time_s'", "'-1'", "a column `log`"))
+    assert ('split_by = "cycle"' in error) == ("cycle" in columns) and '"n"' not in error
+
+
+def test_the_named_line_tells_them_apart(save):
+    """Also where the time of a run goes on from that of the one before, in which nothing goes back."""
+    path, columns = save(repeats(2, cycle=lambda run, row: 2 * run + row // 2)), 'split_by = "cycle"\n'
+    refused(path, columns.strip())
+    logs = read_logs(path, columns=save(columns, "map.toml"))
+    assert [log.time.tolist() for log in logs] == [[-1.0, 0.0], [1.0, 2.0]] * 2
+
+
+def test_a_clock_that_is_set_back_amid_a_step_begins_no_log(save):
+    rows = "".join(f"{row - (row > 4)},{5 * (row > 4)},{row}\n" for row in range(10))
+    refused(
+        save("time_s,voltage_V,w_um\n0,0,0\n" + rows.replace("4,5,5", "3,5,5")), "not below the one before"
+    )
+
+
+def test_one_log_stays_one(save):
+    log = read_one(save(repeats(1, repeat=lambda run, row: row // 2)))
+    assert log.name == "log.csv" and log.notes == ("column repeat is kept out of the fit",)
+
+
 @pytest.mark.parametrize("unit, first", [("°F", -155 / 9), ("°C", 1.0), ("K", -272.15)])
 def test_a_temperature_in_french_has_any_unit_of_its_kind(save, unit, first):
     log = read_one(save(f"frequency_Hz,w_um,Température ({unit})\n1,1,1\n2,1,2\n"))
@@ -156,6 +217,42 @@ def test_inputs_by_other_usual_names_are_read_and_noted(save, header, name, valu
             log.temperature.tolist() == [25.0, 25.0]
             and "metadata 'temp_degC' is read as temperature" in log.notes
         )
+
+
+LANGUAGES = (
+    "Zeit [ms];Spannung [V];Frequenz [kHz];Temperatur [°C]",
+    "Temps (ms);Tension (V);Fréquence (kHz);Température (°C)",
+    "TEMPS_ms;TENSION_V;FREQUENCE_kHz;TEMPERATURE_C",
+    "Tiempo (ms);Tensión (V);Frecuencia (kHz);Temperatura (°C)",
+    "tiempo_ms;voltaje_V;frecuencia_kHz;temperatura_degC",
+    "Tempo [ms];Tensione [V];Frequenza [kHz];Temperatura [°C]",
+    "Время, мс;Напряжение, В;Частота, кГц;Температура, °C",
+)
+
+
+@pytest.mark.parametrize("form", ["NFC", "NFD"])  # an accent of its own, as some systems write it
+@pytest.mark.parametrize("header", LANGUAGES)
+def test_inputs_are_known_in_other_languages(save, header, form):
+    log = read_one(
+        save(unicodedata.normalize(form, header) + ";wd_um;wq_um\n0;0;32,25;24,5;0;1\n100;5;32,25;24,5;2;1\n")
+    )
+    assert log.time.tolist() == [0.0, 0.1] and log.drive.tolist() == [0.0, 5.0] and log.drive_unit == "V"
+    assert log.frequency.tolist() == [32250.0] * 2 and log.temperature.tolist() == [24.5] * 2
+    assert len(log.notes) >= 2 and all("is read as" in note for note in log.notes)
+
+
+def test_volts_of_another_name_may_be_the_drive_of_a_log_without_one(save):
+    said = "column Amp out [V] is kept out of the fit"
+    way = "; if it is the drive, call it voltage_V"
+    rows = "time_s,Amp out [V],{}\n0,3,1\n1,4,2\n"
+    assert read_one(save(rows.format("w_um"))).notes == (said + way,)
+    assert read_one(save(rows.format("w_V"))).notes == (said,)
+    assert read_one(save("# voltage_V: 3\n" + rows.format("w_um"))).notes == (said,)
+
+
+def test_a_tension_in_newton_is_no_drive(save):
+    log = read_one(save("time_s,Tension (N),w_um\n0,3,1\n1,4,2\n"))
+    assert log.drive is None and log.notes == ("column Tension (N) is kept out of the fit",)
 
 
 def test_another_name_gives_way_to_ours_and_to_a_unit_of_another_kind(save):
@@ -525,6 +622,41 @@ def test_an_input_that_is_nearly_stated_is_a_warning_where_the_log_lacks_it(save
         f"log.csv: metadata {key!r} is not used{said}",
     )
     assert read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings == ()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "attenuator_dB: 20", "drive attenuator: 20 dB", "attenuation: 1:10", "amplifier gain = 20", "probe: 10x", "PROBE: x10",
+        "vibrometer: 125 mm/s/V", "sensitivity_mV_per_g: 100", "Sensor: 10 pC/N", "range: 2 V", "scale: 0.5",
+        "Verstärkung: 20", "Sensibilité: 5 mV/g", "коэффициент усиления: 20",
+    ],
+)  # fmt: skip
+def test_a_factor_that_is_stated_and_not_applied_is_told_once(save, line):
+    """And the lines of the mapping file that are named apply one, and are the last word."""
+    path = save(f"# {line}\n" + HEADER + ROWS)
+    log = read_one(path)
+    check_usual(log)
+    key = re.split(" *[:=] *", line)[0]
+    assert log.warnings == () and len(log.notes) == 1
+    assert log.notes[0].startswith(f"metadata {key!r} is not used: voltage, wd, wq are as their columns say")
+    lines = log.notes[0].partition("of the lines ")[2].partition(" says it")[0]
+    assert lines == 'find = true, amplitude = "peak", columns.voltage.scale = FACTOR'
+    columns = save(lines.replace(", ", "\n").replace("FACTOR", "0.1"), "map.toml")
+    scaled = read_one(path, columns=columns)
+    assert scaled.drive.tolist() == [0.5, 0.5, 0.4] and scaled.response.tolist() == log.response.tolist()
+    assert not any("not used" in note for note in scaled.notes)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "gain: 0 dB", "gain: 1", "probe: 1x", "Probe: PT100", "range: 10 kHz", "Frequency range: 800", "time scale: 1 ms",
+        "Temperature probe: 3", "Sweep scale: log", "slope: 24 dB/oct", "volts_per_duty: 24", "gain: 1,234.5.6", "Volts/Div: 2",
+    ],
+)  # fmt: skip
+def test_what_is_no_factor_is_no_note(save, line):
+    assert read_one(save(f"# {line}\n" + HEADER + ROWS)).notes == ()
 
 
 PREAMBLES = {

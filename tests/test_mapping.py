@@ -426,8 +426,8 @@ def test_the_mapping_files_of_the_page_on_logs_are_some(save):
     """Those that it shows whole: each reads as a mapping file."""
     blocks = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8").split("```toml\n")[1:]
     shown = [mapfile.load_mapping(save(block.partition("```")[0], "map.toml")) for block in blocks]
-    assert [bool(of.files) for of in shown] == [False, False, False, False, True]
-    assert [of.dialect.join for of in shown] == [None, None, "Frequency", None, None]
+    assert [bool(of.files) for of in shown] == [False, False, False, False, False, True]
+    assert [of.dialect.join for of in shown] == [None, None, None, "Frequency", None, None]
 
 
 # Files of other people's instruments

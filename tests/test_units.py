@@ -40,6 +40,17 @@ from sysid.tables import units
         ("Temperature (C)", ("temperature", "degC", "peak")),
         ("FREQUENCY_MHZ", ("frequency", "MHZ", "peak")),
         ("w_C", ("w", "C", "peak")),
+        ("w_rad_s", ("w", "rad/s", "peak")),
+        ("wd_mm_s_rms", ("wd", "mm/s", "rms")),
+        ("w_um_s2", ("w", "um/s^2", "peak")),
+        ("W_RAD_S", ("w", "rad/s", "peak")),
+        ("w_um_per_V", ("w", "um/V", "peak")),
+        ("temperature_deg_C", ("temperature", "degC", "peak")),
+        ("voltage_V_pk", ("voltage", "V", "peak")),
+        ("Voltage (Vp-p)", ("voltage", "V", "pp")),
+        ("W_d (um)", ("wd", "um", "peak")),
+        ("w_q_nm", ("wq", "nm", "peak")),
+        ("wd, мкм", ("wd", "um", "peak")),
     ],
 )
 def test_a_name_says_quantity_unit_and_amplitude(label, expected):
@@ -56,6 +67,7 @@ def test_a_name_says_quantity_unit_and_amplitude(label, expected):
         "T_degC",
         "note",
         "wd_err_um",
+        "w_A_s",  # a charge, or the rate of a current
         "log",
         "",
     ],
@@ -87,7 +99,12 @@ def test_decimal_conversions_are_exact(unit, to, value, expected):
 
 @pytest.mark.parametrize(
     ("unit", "to", "value", "expected"),
-    [("degF", "degC", 75.2, 24.0), ("rad/s", "Hz", 2 * math.pi, 1.0), ("rpm", "Hz", 60.0, 1.0)],
+    [
+        ("degF", "degC", 75.2, 24.0),
+        ("rad/s", "Hz", 2 * math.pi, 1.0),
+        ("rpm", "Hz", 60.0, 1.0),
+        ("rev/min", "Hz", 60.0, 1.0),
+    ],
 )
 def test_other_conversions(unit, to, value, expected):
     # 1e-9: the line through two converted points carries a few roundings of numbers near 300

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sysid.columns.labels import GAINS, NOT_DATA, SCATTERING
-from sysid.columns.plan import ANGLES, per_drive
+from sysid.columns.plan import ANGLES, SPLITS, per_drive
 from sysid.columns.preset import named, recognised
 from sysid.columns.roles import channels, lone_signal, plausible, roles, undecided, waveform
 from sysid.columns.survey import Columns, fits
@@ -19,15 +19,6 @@ from sysid.tables.csvfile import Head
 from sysid.tables.densities import is_decibel
 
 PERIODS = ("ts", "dt", "tinterval", "sample_time", "sampletime")  # what the time from row to row is called
-SPLITS = (
-    "log",
-    "chunk",
-    "sweep",
-    "run",
-    "segment",
-    "block",
-    "experiment",
-)  # of columns that number experiments
 KINDS = {
     "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "charge": "C", "current": "A",
     "impedance": "ohm",
@@ -315,6 +306,10 @@ class _Draft:
         unit = self.columns.unit(index)
         if name == "time" and self.head.dated(index):
             return "s", ""
+        if name in ("w", "wd", "wq", "x", "y", "magnitude", "response") and fits("time", unit):
+            return "?", "  # what ends in _s may be a rate: A/s, or A*s" if "_" in self.head.names[
+                index
+            ] else ""
         if unit and (fits(name, unit) or (name == "w" and unit in ANGLES)):
             power = densities.amplitude_of(unit)
             return densities.written(unit), "  # a power density: its root is read" if power else ""

@@ -38,7 +38,8 @@ def completed(head: Head, mapping: MappingFile) -> tuple[Head, MappingFile, tupl
             raise mapping.fail(
                 f"[columns] {name}", f"found no column of {head.path} that it may be, expected its name"
             )
-    return head, checked(mapping.path, options), _told(mapping, found, options)
+    whole = replace(checked(mapping.path, options), base=mapping.base)
+    return head, whole, _told(mapping, found, options)
 
 
 def joined(head: Head, dialect: Dialect) -> Head:

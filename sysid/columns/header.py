@@ -10,8 +10,8 @@ import re
 from collections.abc import Collection, Mapping
 from itertools import pairwise
 
+from sysid.columns.factors import not_applied
 from sysid.columns.found import completed, with_preset
-from sysid.columns.labels import INPUTS as CALLED
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
@@ -19,11 +19,11 @@ from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
     LETTERS,
-    STAMPED,
     SYNONYMS,
     add_source,
     add_synonyms,
     first_word,
+    is_called_time,
     is_waveform,
     refuse_misspelt,
 )
@@ -35,6 +35,8 @@ from sysid.tables.densities import amplitude_of, is_decibel
 from sysid.tables.stamps import EXAMPLE, is_local
 
 INPUTS = ("time", "frequency", "temperature", "force")
+WHOLE = ("wd", "wq", "w", "response")
+VOLTS = re.compile(r"[numk]?V")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
 # what counts the rows of an even sampling; "": the index that pandas writes, which has no name
 SAMPLES = (
@@ -71,7 +73,9 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
     if plan.quantity != "impedance":
         _refuse_ohms(head, plan, mapping)
-    return dataclasses.replace(plan, notes=(*plan.notes, *_powers(head, plan)))
+    return dataclasses.replace(
+        plan, notes=(*plan.notes, *_powers(head, plan), *not_applied(head, plan, mapping))
+    )
 
 
 def _by_rate(head: Head, plan: Plan) -> Plan:
@@ -250,7 +254,7 @@ def _passing(head: Head, labels: Collection[str]) -> str | None:
     rising = (
         label
         for label in labels
-        if _is_called_time(label)
+        if is_called_time(label)
         and (first := _first_numbers(head, label))
         and first[-1] > first[0]
         and all(after >= before for before, after in pairwise(first))
@@ -261,10 +265,6 @@ def _passing(head: Head, labels: Collection[str]) -> str | None:
 def _first_numbers(head: Head, label: str) -> list[float]:
     column, mark = head.names.index(label), str(head.dialect.decimal)
     return [to_number(row[column], mark) for row in head.sample if column < len(row)]
-
-
-def _is_called_time(label: str) -> bool:
-    return bool({label.casefold(), units.split_unit(label)[0].casefold()} & {*CALLED["time"], *STAMPED})
 
 
 def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
@@ -303,7 +303,7 @@ def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> l
         return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
     each = []
     for label in labels:
-        why = "" if "time" in sources else _why_no_time(head, label)
+        why = ("" if "time" in sources else _why_no_time(head, label)) or _why_no_drive(label, sources)
         if "w" in sources and parse(label).part == "phase":
             magnitude = sources["w"].label
             why = (
@@ -314,9 +314,18 @@ def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> l
     return each
 
 
+def _why_no_drive(label: str, sources: Mapping[str, Source]) -> str:
+    """What to call a column of volts that may be the drive, where there is none and the response is in
+    another unit."""
+    unit = units.split_amplitude(units.split_unit(label)[1])[0]
+    sensed = any(VOLTS.fullmatch(source.unit) for name, source in sources.items() if name in WHOLE)
+    open_ = VOLTS.fullmatch(unit) and not sensed and is_absent("voltage", sources)
+    return f"; if it is the drive, call it voltage_{unit}" if open_ else ""
+
+
 def _why_no_time(head: Head, label: str) -> str:
     """Why a column that is called a time, in a file that has no other, is not read as one."""
-    if not _is_called_time(label):
+    if not is_called_time(label):
         return ""
     if is_local(head.first(head.names.index(label))):
         return f": a date of a form that is not read; write a time as {EXAMPLE}"

@@ -6,6 +6,7 @@ say the same of different signals: the real part. Letters that mean different th
 (x, y, r, g, b) are decided by the columns beside them."""
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 from sysid.columns.mapping import split_ending
@@ -13,69 +14,56 @@ from sysid.columns.plan import ANGLES
 from sysid.tables import densities, units
 from sysid.tables.densities import is_decibel
 
-INPUTS: dict[str, tuple[str, ...]] = {
-    "time": (
-        "t",
-        "time",
-        "timestamp",
-        "zeit",
-        "temps",
-        "x-axis",
-        "x_value",
-        "xvalue",
-        "second",
-        "seconds",
-        "sec",
-        "elapsed",
-        "время",
-    ),
-    "frequency": (
-        "f",
-        "freq",
-        "frequency",
-        "frequenz",
-        "fréquence",
-        "frequence",
-        "frq",
-        "omega",
-        "ω",
-        "частота",
-    ),
-    "temperature": ("temp", "temperature", "temperatur", "température", "t", "температура"),
-    "force": ("force", "kraft"),
-    "duty": ("duty", "pwm"),
-    "voltage": (
-        "v",
-        "u",
-        "voltage",
-        "volt",
-        "volts",
-        "vin",
-        "drive",
-        "excitation",
-        "spannung",
-        "tension",
-        "vdrive",
-        "udrive",
-        "vexc",
-        "uexc",
-        "напряжение",
-    ),
-    "wd": ("wd",),
-    "wq": ("wq",),
-    "w": ("w", "displacement", "velocity", "response", "position", "deflection", "speed", "vibration"),
+
+def folded(text: str) -> str:
+    """A text in small letters without accents, with which half of the files leave them out.
+
+    >>> folded("Fréquence"), folded("TENSIÓN"), folded("Größe")
+    ('frequence', 'tension', 'grosse')
+    """
+    apart = unicodedata.normalize("NFD", text.casefold())
+    return "".join(letter for letter in apart if not unicodedata.combining(letter))
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(folded(text).split())
+
+
+# What English, German, French, Spanish, Italian and Russian call the inputs and a response. A word that means
+# something else in another of them is left out, but where the unit tells: a tension in V is no force.
+INPUTS = {
+    name: _words(text)
+    for name, text in {
+        "time": "t time timestamp zeit uhrzeit temps heure tiempo hora tempo время"
+        " x-axis x_value xvalue second seconds sec elapsed",
+        "frequency": "f freq frequency frequenz fréquence frecuencia frequenza частота frq omega ω",
+        "temperature": "temp temperature temperatur température temperatura температура t",
+        "force": "force kraft fuerza forza",
+        "duty": "duty pwm tastgrad",
+        "voltage": "v u voltage volt volts spannung tension voltaje tensione напряжение"
+        " drive excitation anregung anregungsspannung excitación eccitazione возбуждение"
+        " vin vdrive udrive vexc uexc",
+        "wd": "wd",
+        "wq": "wq",
+        "w": "w displacement velocity response position deflection speed vibration"
+        " auslenkung verschiebung geschwindigkeit antwort déplacement vitesse réponse"
+        " desplazamiento velocidad respuesta spostamento velocità risposta перемещение скорость отклик",
+    }.items()
 }
 # Words that name a part wherever they stand: a phase before a magnitude, a magnitude in bars before the rest.
-PHASE = {
-    "phase", "phi", "theta", "θ", "φ", "ϕ", "arg", "ang", "angle", "argument", "thetaz", "thetay", "θz",
-    "θy", "phz", "phas", "фаза",
-}  # fmt: skip
-REAL = {"re", "real", "realpart", "inphase"}
-IMAGINARY = {"im", "imag", "imaginary", "imagpart", "quadrature", "quad"}
-MAGNITUDE = {
-    "abs", "mag", "magn", "magnitude", "modulus", "amplitude", "amp", "ampl", "db", "logmag", "linmag",
-    "betrag", "амплитуда", "модуль",
-}  # fmt: skip
+PHASE = {*_words(
+    "phase phi theta θ φ ϕ arg ang angle argument thetaz thetay θz θy phz phas"
+    " phasenwinkel phasenverschiebung winkel déphasage fase ángulo angolo фаза угол"
+)}  # fmt: skip
+REAL = {*_words("re real realpart inphase realteil réel réelle reale действительная вещественная")}
+IMAGINARY = {*_words(
+    "im imag imaginary imagpart quadrature quad"
+    " imaginärteil imaginaire imaginario imaginaria immaginaria мнимая"
+)}  # fmt: skip
+MAGNITUDE = {*_words(
+    "abs mag magn magnitude modulus amplitude amp ampl db logmag linmag"
+    " betrag amplitud módulo ampiezza modulo амплитуда модуль"
+)}  # fmt: skip
 SCATTERING = {"s11", "s12", "s21", "s22"}
 GAINS = SCATTERING | {"gain", "transmission", "reflection"}  # ratios of two of a kind
 SIGNAL = GAINS | {"power", "level", "r"}  # magnitudes where nothing else is said
@@ -104,8 +92,6 @@ _PLAIN = {
     "hz": "Hz", "khz": "kHz", "mhz": "MHz", "ghz": "GHz", "deg": "deg", "rad": "rad", "db": "dB",
     "dbm": "dBm",
     "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
-    "гц": "Hz", "кгц": "kHz", "мгц": "MHz", "град": "deg", "рад": "rad", "дб": "dB", "в": "V", "мв": "mV",
-    "с": "s", "мс": "ms", "мкс": "us", "м": "m", "мм": "mm", "мкм": "um", "нм": "nm", "ом": "ohm",
 }  # fmt: skip
 # How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued
 # to a word; in the last two it is a usual one.
@@ -212,12 +198,14 @@ def parse(text: str) -> Label:
     stated = re.search(r"(?:^|[^A-Za-z])[A-Za-z]{0,2}(rms|pp)(?![A-Za-z])", plain, re.IGNORECASE)
     rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
     apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
-    words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", apart.casefold()) if word]
+    words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", folded(apart)) if word]
     parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
     unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")
     unit = unit or ("dB" if "db" in parts else "")  # db:Trc1_S21
     unit = _DEGREES.get(unit, unit) if set(parts) & set(INPUTS["temperature"]) else unit
-    return Label(rest.strip(" :;,").casefold(), parts, unit, sign, stated[1].casefold() if stated else "")
+    if unit in ("S", "MS") and parts[:1] and parts[0] in INPUTS["time"]:  # TIME_S; an M may be a mega
+        unit = "s" if unit == "S" else ""
+    return Label(folded(rest.strip(" :;,")), parts, unit, sign, stated[1].casefold() if stated else "")
 
 
 def is_unit(text: str) -> bool:
@@ -231,12 +219,13 @@ def is_unit(text: str) -> bool:
 
 
 def in_usual_letters(unit: str) -> str:
-    """A unit as it is usually written: DB is dB, DEG is deg, OHM is ohm; any other as it is."""
-    return (
-        _PLAIN.get(unit.casefold(), unit)
-        if unit.casefold() in _PLAIN and unit not in ("mHz", "MHz")
-        else unit
-    )
+    """A unit as it is usually written: DB is dB, DEG is deg, OHM is ohm, RAD/S is rad/s; any other as it is,
+    and one whose M may be a mega."""
+    small = unit.casefold()
+    if small in _PLAIN and unit not in ("mHz", "MHz"):
+        return _PLAIN[small]
+    shouted = len(unit) > 1 and unit.isupper() and unit[0] != "M" and not units.is_known(unit)
+    return small if shouted and {*small.split("/")} <= _USUAL else unit
 
 
 def _unit(text: str) -> tuple[str, str]:
@@ -251,16 +240,16 @@ def _unit(text: str) -> tuple[str, str]:
         return in_usual_letters(units.short(units.split_amplitude(apart[1])[0])), apart[0]
     bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
     name, _, last = bare.rpartition("_")
-    if name and "/" in last and is_unit(last):  # acceleration_m/s^2, all of it
-        return last, name
+    if name and "/" in last and is_unit(whole := in_usual_letters(last)):  # acceleration_m/s^2, all of it
+        return whole, name
     for pattern, usual in _ENDINGS:
         found = re.search(pattern, bare)
         unit = in_usual_letters(units.short(found[1])) if found and found.start() else ""
         if is_unit(unit) and (unit in usual or not usual):
             return unit, text.removesuffix(found[0])
     ending, _, last = text.rpartition("_")
-    unit = _PLAIN.get(last, "") if ending else ""  # freq_hz
-    unit = unit or in_usual_letters(split_ending(text, False)[0])
+    unit = in_usual_letters(units.short(last)) if ending else ""  # freq_hz
+    unit = unit if unit in _USUAL else in_usual_letters(split_ending(text, False)[0])
     return (unit, ending or text) if is_unit(unit) else ("", text)
 
 

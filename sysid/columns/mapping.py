@@ -384,8 +384,7 @@ def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndar
 
 
 def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
-    """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name (`Lockin X [V]`,
-    `X_V_rms`)."""
+    """Unit and amplitude word of a stated unit (`V_rms`), or of the end of a name, `X [V]` or `X_V_rms`."""
     if is_unit:
         unit, amplitude = units.split_amplitude(plain(text))
         return units.short(unit), amplitude
@@ -395,6 +394,7 @@ def split_ending(text: str, is_unit: bool) -> tuple[str, str]:
         unit = stem.rpartition("_")[2] if "_" in stem else ""
     unit, inner = units.split_amplitude(unit)
     unit = units.short(unit)
-    if not text.endswith(("]", ")")) and not _PLAIN_UNIT.fullmatch(unit):
+    rate = "/" in unit and units.is_known(unit)
+    if not (rate or text.endswith(("]", ")")) or _PLAIN_UNIT.fullmatch(unit)):
         return "", inner or amplitude  # the library would take S21_re for a temperature in degrees Réaumur
     return unit, inner or amplitude

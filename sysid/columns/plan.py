@@ -10,6 +10,8 @@ from sysid.tables import units
 
 # standard errors of a response, or of d and of q, which count as one: their mean square is both's
 ERRORS = ("std", "std_q")
+# of columns that number experiments
+SPLITS = ("log", "chunk", "sweep", "run", "segment", "block", "experiment")
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 
 

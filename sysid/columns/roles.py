@@ -28,6 +28,10 @@ COUNTERS = {
     "sweep",
     "run",
     "log",
+    "repeat",
+    "segment",
+    "shot",
+    "cycle",
     "grid",
     "frame",
     "frames",
@@ -107,8 +111,9 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     found = dict(guessed)
     if found.keys() & {"wd", "x", "y", "magnitude", "response"} or not found.keys() & {"time", "frequency"}:
         return found
+    left = _telling(columns, _left(columns, found))
+    left = _without_drive(columns, found, [k for k in left if "w" not in found or columns.unit(k)])
     if "w" not in found:
-        left = _without_drive(columns, found, _telling(columns, _left(columns, found)))
         if undecided(columns, found):
             return found
         told = bool(left) and (len(left) == 1 or bool(columns.unit(left[0])))
@@ -155,7 +160,7 @@ def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> 
     held = sorted((index for index in left if columns.is_held(index)), key=columns.changes)
     if len(held) == 2 and FLICKER * columns.changes(held[0]) <= columns.changes(held[1]):
         del held[1]
-    others = len(left) + ("temperature" in found and columns.moves(found["temperature"]))
+    others = len(left) + ("w" in found) + ("temperature" in found and columns.moves(found["temperature"]))
     if others != 2 or len(held) != 1 or found.keys() & {*units.DRIVES}:
         return left
     unit = columns.unit(held[0])

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from sysid.columns.labels import INPUTS
+from sysid.columns.labels import INPUTS, folded
 from sysid.columns.metadata import metadata_number, stated
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
@@ -12,22 +12,21 @@ from sysid.tables.csvfile import Head, LogError
 from sysid.tables.stamps import EXAMPLE, is_local, is_long
 
 # Other usual names of inputs, read as ours where ours is missing and the unit is of its kind; a note says so.
-STAMPED = {
-    "date": "time",
-    "datetime": "time",
-    "date/time": "time",
-    "zeitstempel": "time",
-}  # where the cells are dates
-# The words of other languages for what cannot be a response; a voltage can.
 SYNONYMS = {
-    **{
-        word: name
-        for name in ("time", "frequency", "temperature", "force")
-        for word in INPUTS[name]
-        if word[1:]
-    },
-    **dict.fromkeys(("volt", "volts"), "voltage"), "\u03c9": "frequency",
-}  # fmt: skip
+    word: name
+    for name in ("time", "frequency", "temperature", "force", "voltage")
+    for word in INPUTS[name]
+    if word not in units.DRIVES and (word[1:] or word == "\u03c9")
+}
+STAMPED = (
+    "date",
+    "datetime",
+    "date/time",
+    "zeitstempel",
+    "datum",
+    "fecha",
+    "дата",
+)  # of cells that are dates
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
@@ -36,7 +35,9 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
     """Enter inputs that have another usual name, columns before metadata; they leave `unknown`. Returns a
     note on each."""
     notes = []
-    for label in list(unknown):
+    for label in sorted(
+        unknown, key=lambda label: folded(label) in STAMPED
+    ):  # a time before a date beside it
         if quantity := _meant(label, SYNONYMS | LETTERS, sources) or _dates_time(head, label, sources):
             name, column = units.split_unit(label)[0], head.names.index(label)
             source = Source(label, "", column=column, spare=head.dated(column))
@@ -57,7 +58,7 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
     """The input that a label names by another word, when that input is missing and the unit is of its kind;
     else None."""
     name, unit, _ = units.split_unit(label)
-    quantity = words.get(name.casefold().rstrip("."))  # Freq. (Hz)
+    quantity = words.get(folded(name).rstrip("."))  # Freq. (Hz)
     if (
         quantity is None
         or not is_absent(quantity, sources)
@@ -71,12 +72,16 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
 def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
     """`time` for a column of dates that is called so by another name, where no other holds the time; else
     None."""
-    if "time" in sources or not {units.split_unit(label)[0].casefold(), label.casefold()} & {
-        "timestamp",
-        *STAMPED,
-    }:
-        return None
-    return "time" if head.dated(head.names.index(label)) else None
+    return (
+        "time"
+        if "time" not in sources and is_called_time(label) and head.dated(head.names.index(label))
+        else None
+    )
+
+
+def is_called_time(label: str) -> bool:
+    """Whether a column is called a time, or a date."""
+    return bool({folded(label), folded(units.split_unit(label)[0])} & {*INPUTS["time"], *STAMPED})
 
 
 def add_source(head: Head, sources: dict[str, Source], label: str, source: Source) -> bool:

@@ -23,6 +23,7 @@ from sysid.logs.filled import Arrays, filled, without_direct
 from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
+from sysid.logs.parted import parted
 from sysid.logs.stated import errors, read_errors, stated_in
 from sysid.logs.timed import timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
@@ -74,11 +75,25 @@ def of_one_bench(logs: list[Log]) -> list[Log]:
 
 def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
     """The logs of a file's table. Raises LogError."""
+    return logs_in(*tabled(head, mapping))
+
+
+def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
+    """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
     head, mapping, plan = planned(head, mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
-    dated = {source.column for source in plan.sources.values() if source.dated and source.column is not None}
-    body = read_body(head, wanted, plan.split, dated)
-    notes = (*counted(head, dated), *body.notes)
+    body = read_body(head, wanted, plan.split, _dated(plan))
+    return head, mapping, *parted(head, plan, body, wanted, _dated(plan))
+
+
+def _dated(plan: Plan) -> set[int]:
+    """The columns of dates."""
+    return {source.column for source in plan.sources.values() if source.dated and source.column is not None}
+
+
+def logs_in(head: Head, mapping: MappingFile | None, plan: Plan, body: Body) -> list[Log]:
+    """The logs of a table. Raises LogError."""
+    notes = (*counted(head, _dated(plan)), *body.notes)
     values = [None] if body.keys is None else list(dict.fromkeys(body.keys))
     if isinstance(plan.rows, dict) and (unknown := sorted(plan.rows.keys() - set(values))):
         raise LogError(

@@ -4,12 +4,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from sysid.columns.header import planned
 from sysid.columns.mapfile import load_mapping
 from sysid.columns.plan import Plan
 from sysid.logs.log import Log
 from sysid.logs.opening import groups, opened
-from sysid.logs.read import logs_of, of_one_bench
+from sysid.logs.read import logs_in, of_one_bench, tabled
 from sysid.tables.csvfile import Head, LogError
 
 
@@ -37,9 +36,8 @@ def taken(
         path, head, plan = next(iter(group.values())), None, None
         try:
             with opened(group, mapping) as head:
-                logs = tuple(logs_of(head, mapping))
-                head, _, plan = planned(head, mapping)
-                found.append(Taken(path, head, plan, logs))
+                head, of, plan, body = tabled(head, mapping)
+                found.append(Taken(path, head, plan, tuple(logs_in(head, of, plan, body))))
         except LogError as error:
             found.append(Taken(path, head, plan, error=error))
     if any(file.error for file in found):

@@ -8,6 +8,7 @@ import numpy as np
 
 from sysid.columns.plan import Plan
 from sysid.logs.missing import placed, refuse_row
+from sysid.logs.parted import remedy
 from sysid.tables.csvbody import Body
 from sysid.tables.csvfile import Head
 from sysid.tables.stamps import DAY, EXAMPLE, coarse, is_clock, is_local, past_midnight
@@ -27,7 +28,8 @@ def timed(
     if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
         return _without_time(head, plan, arrays)
     if "time" in arrays and (decrease := decrease_of(arrays["time"][0])) is not None:
-        refuse_row(head, body, plan.sources["time"], rows, decrease, "a time not below the one before")
+        expected = f"a time not below the one before{remedy(head, plan)}"
+        refuse_row(head, body, plan.sources["time"], rows, decrease, expected)
     if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
         if kind != "steady" and not _sweeps(arrays):
             refuse_row(head, body, plan.sources["time"], rows, same, FINER)

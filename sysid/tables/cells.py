@@ -134,11 +134,11 @@ def uncounted(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
-    """The header line of two: each name with the unit that stands below it at its end."""
-    pairs = zip(names, units, strict=True)
+    """The header line of two: each name with the unit that stands below it at its end, once."""
+    pairs = [(name.strip(), unit.strip()) for name, unit in zip(names, units, strict=True)]
     named = io.StringIO()
     csv.writer(named, delimiter=delimiter).writerow(
-        [f"{name.strip()}{_below(unit.strip())}" if unit.strip() else name for name, unit in pairs]
+        [name if not unit or name.endswith(_below(unit)) else f"{name}{_below(unit)}" for name, unit in pairs]
     )
     return named.getvalue().strip()
 

@@ -22,6 +22,7 @@ from sysid.tables.cells import (
     listed,
     split_line,
     to_number,
+    unbracketed,
     uncounted,
     with_unit_cells,
 )
@@ -373,18 +374,21 @@ def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tupl
 
 def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     """Whether the line below the header holds units: short texts and no number, where the header has names
-    alone."""
+    alone; nothing but units, where some of its names state one."""
     if not following:
         return False
     delimiter = dialect.delimiter or find_delimiter(line)
-    names, units = split_line(line, delimiter), split_line(following[0], delimiter)
-    bare = not any(re.search(r"[_\[(]", name) for name in names)
-    texts = [unit.strip() for unit in units if unit.strip()]
+    names, below = split_line(line, delimiter), split_line(following[0], delimiter)
+    texts = [unit.strip() for unit in below if unit.strip()]
     row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
         texts
     )  # 25.1 kHz, (1+2j)
-    named = bare and len(names) == len(units) and bool(texts)
-    return named and not row and not any(map(is_number, texts))
+    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
+        return False
+    if not any(re.search(r"[_\[(]", name) for name in names):
+        return True
+    some = any(not units.split_unit(name)[1] for name in names)  # W_D beside TIME, and not time_s beside w_um
+    return some and all(units.is_known(unbracketed(text)) for text in texts)
 
 
 def _with_units(line: str, units: str, dialect: Dialect) -> str:

@@ -1,5 +1,8 @@
-"""Units of spectral densities, and decibels of a reference: how people write them, and whose amplitude they
-show.
+"""Units of rates, of spectral densities, and decibels of a reference: how people write them, and whose
+amplitude they show.
+
+A name that a program has to take holds no slash: rad_s is rad/s, um_per_V is um/V. A second behind a volt or
+an ampere may as well be a factor, and stays what it is.
 
 A spectrum analyser, or a plotter of a thermal spectrum, shows how a signal's power is spread over frequency,
 S(f) in V^2/Hz, or its root in V/sqrt(Hz). The root is proportional to the amplitude of the response to a
@@ -27,14 +30,20 @@ _REFERENCE = re.compile(
 )
 _VOLTS = re.compile(r"(?<![A-Za-z])dB([muµ]V)(?![A-Za-z])")
 _QUOTIENTS = re.compile(r"\(\s*([^\s()/]+\s*/\s*[^\s()/]+)\s*\)\s*/\s*([A-Za-zµ]+)")  # (m/s) / V
+_OF_TIME = re.compile(
+    r"(?<=_)([fpnuµmck]?m|m?rad|deg|rev)_(s|min|h)(?:_?\^?-?1|_?\^?-?(2)|(²))?(?=(?:_(?:rms|pp|peak))?$)",
+    re.I,
+)
+_PER = re.compile(r"(?<=_)([A-Za-zµ]+)_per_([A-Za-z]+)(?=(?:_(?:rms|pp|peak))?$)", re.I)
+_DEGREE = re.compile(r"(?<=_)deg_([CF])$", re.I)
 LEVEL = "dB:"  # and the unit of 0 dB, without a bracket, so that it may stand in one
 _ROOTS = {"dBm": "mW^0.5", "dB:mW": "mW^0.5", "dB:W": "W^0.5"}  # of a power
 _POWER = re.compile(r"([^\s/]+)\^2(?:/([^\s/^]+)\^([24]))?/Hz")
 
 
 def plain(text: str) -> str:
-    """A head, or a unit, with its density, and the reference of its decibels, written in one way that the
-    library of units knows.
+    """A head, or a unit, with its rate, its density, and the reference of its decibels, written in one way
+    that the library of units knows.
 
     >>> plain("ASD [pm/√Hz]"), plain("(m/s)²/Hz"), plain("Vrms2/Hz"), plain("PSD (dBm/Hz)")
     ('ASD [pm/Hz^0.5]', 'm^2/s^2/Hz', 'V^2/Hz rms', 'PSD (dBm)')
@@ -42,7 +51,11 @@ def plain(text: str) -> str:
     ('Magnitude [dB:m/s/V]', 'Mag dB:mm/s', 'dB (S21)', 'dB')
     >>> plain("Real [ (m/s) / V ]")
     'Real [ m/s/V ]'
+    >>> plain("w_rad_s"), plain("wd_um_s2_rms"), plain("G_um_per_V"), plain("T_deg_C"), plain("charge_A_s")
+    ('w_rad/s', 'wd_um/s^2_rms', 'G_um/V', 'T_degC', 'charge_A_s')
     """
+    if "_" in text:
+        text = _DEGREE.sub(r"deg\1", _PER.sub(r"\1/\2", _OF_TIME.sub(_rated, text)))
     text = _QUOTIENTS.sub(lambda found: f"{found[1]}/{found[2]}".replace(" ", ""), text)
     if "dB" in text:
         text = _VOLTS.sub(rf"{LEVEL}\1", _REFERENCE.sub(_referred, text))
@@ -52,6 +65,12 @@ def plain(text: str) -> str:
     text = _NEGATIVE.sub(f"/{ROOT_HERTZ}", _ROOT.sub(f"/{ROOT_HERTZ}", text))
     text = _DIGIT.sub(r"\1^2", _RMS.sub(r"\1 rms", text))
     return _LEVEL.sub(r"\1", _QUOTIENT.sub(r"\1^2/\2^2", text))
+
+
+def _rated(found: re.Match[str]) -> str:
+    """A rate with its slash; the M of a header in capitals may be a mega, and stays."""
+    above = found[1] if found[1][-1] in "mM" else found[1].casefold()
+    return f"{above}/{found[2].casefold()}{'^2' if found[3] or found[4] else ''}"
 
 
 def _referred(found: re.Match[str]) -> str:

@@ -97,7 +97,7 @@ _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would wo
 _CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, a farad
 _ALIASES = {
     "%": "percent", "pct": "percent", "°C": "degC", "°F": "degF",
-    "tr/min": "rpm", "U/min": "rpm",  # of French and of German
+    "tr/min": "rpm", "U/min": "rpm", "rev/min": "rpm",  # of French, of German
 }  # fmt: skip
 # Units written out, in one or more, with or without a capital, and their signs.
 _FULL = {
@@ -108,16 +108,21 @@ _FULL = {
     "minute": "min", "hour": "h", "degree": "deg", "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
+_CYRILLIC = {
+    "гц": "Hz", "кгц": "kHz", "мгц": "MHz", "град": "deg", "рад": "rad", "дб": "dB", "в": "V", "мв": "mV",
+    "с": "s", "мс": "ms", "мкс": "us", "м": "m", "мм": "mm", "мкм": "um", "нм": "nm", "ом": "ohm",
+}  # fmt: skip
 _OHM = re.compile(
     r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)"
 )  # the last two: a capital omega, and the sign of the ohm
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
-_BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak)?", re.I)
-_QUOTIENT = re.compile(
-    r"([^/_]*[^/_\s])\s*/\s*(\S.*)"
-)  # f/Hz, a table's head by ISO 80000: a quantity over its unit
+_BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak|p-p|pk-?pk|pk)?", re.I)
+# f/Hz, a table's head by ISO 80000: a quantity over its unit; f, Hz as Russian has it
+_QUOTIENT = re.compile(r"([^/_,]*[^/_,\s])(?:\s*/\s*|,\s+)(\S.*)")
+_PART = re.compile(r"([wW])_([dDqQ])(?=[_\s\[(])")  # W_d (um), w_q_um
 _IN = re.compile(r"(|.*\S)[\s_]+in\s+(\S.*)")  # Zeit in s; of R&S also "in s" alone, or below a name
-_AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak)", re.I)
+_AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak|p-p|pk-?pk|pk)", re.I)
+_PEAKS = {"pk": "peak", "pkpk": "pp", "pk-pk": "pp", "p-p": "pp"}
 
 
 class Name(NamedTuple):
@@ -173,12 +178,12 @@ def fits(quantity: str, unit: str) -> bool:
 
 @functools.lru_cache(1024)
 def split_unit(label: str) -> tuple[str, str, str]:
-    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit`, `Name in unit` or `name_unit`;
-    `name_word_unit` is a name without one."""
-    label = plain(label.strip())
+    """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit`, `Name, unit`, `Name in unit` or
+    `name_unit`; `name_word_unit` is a name without one."""
+    label = _PART.sub(r"\1\2", plain(label.strip()), count=1)
     if found := _BRACKETS.fullmatch(label):
         name, stated = split_amplitude(found[1])
-        return name, found[2], (found[3] or stated).lower()
+        return name, found[2], _in_words(found[3] or stated)
     if apart := level_at_end(label) or split_in(label):
         return *apart, ""
     if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
@@ -198,12 +203,18 @@ def split_in(label: str) -> tuple[str, str] | None:
 def split_amplitude(unit: str) -> tuple[str, str]:
     """`V_rms`, `V rms` and `Vrms` are ("V", "rms"); the second is "" when nothing is stated."""
     found = _AMPLITUDE.fullmatch(unit)
-    return (found["unit"], found["amplitude"].lower()) if found else (unit, "")
+    return (found["unit"], _in_words(found["amplitude"])) if found else (unit, "")
+
+
+def _in_words(amplitude: str) -> str:
+    return _PEAKS.get(amplitude.lower(), amplitude.lower())
 
 
 def short(unit: str) -> str:
     """The sign of a unit that is written out: `Volts` is `V`, `kilohertz` is `kHz`. Any other text as it
     is."""
+    if known := _CYRILLIC.get(unit.casefold()):
+        return known
     if ohm := _OHM.fullmatch(unit):
         return f"{ohm[1]}ohm"
     found = _WRITTEN.fullmatch(unit)
