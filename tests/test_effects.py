@@ -193,6 +193,22 @@ def test_the_gain_is_open_where_nobody_knows_which_channel_is_right(seeds):
         assert abs(fit.parameters["tau"].value - TAU) < FAR * fit.parameters["tau"].std
 
 
+@pytest.mark.parametrize("spoil", ["counter", "digits"])
+@seeds(2, 20)
+def test_frequencies_that_scatter_are_taken_as_even(seeds, spoil):
+    """A drift of f0 over the rows, of twice the sweep, made even steps of them, with tau 400 errors off."""
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        f = F0 + np.linspace(-500, 500, 111)
+        y = noisy(rng, settled(f), 0.005)
+        shown = f + 2.0 * rng.standard_normal(111) if spoil == "counter" else 10 * np.rint(f / 10 + 0.2)
+        fit = sysid.fit(swept(rng, shown, y))
+        assert fit.result.name == "successful"
+        for name, truth in (("G", 1.0), ("tau", TAU), ("f0", F0 + 2.0 * (spoil == "digits"))):
+            found = fit.parameters[name]
+            assert abs(found.value - truth) < FAR * found.std, (seed, name)
+
+
 def coupled(rng):
     """A step behind a high-pass of 12 ms, of closed form: dy/dt = dw/dt - y/T."""
     t, off = 1e-4 * (np.arange(240) - 20), 8.0

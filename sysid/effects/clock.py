@@ -7,7 +7,19 @@ from math import factorial
 
 import numpy as np
 
-from sysid.effects.effect import SEEN, About, Effect, Told, nowhere, one_way, positive, undone
+from sysid.effects.effect import (
+    SEEN,
+    About,
+    Effect,
+    Told,
+    course,
+    in_order,
+    nowhere,
+    one_way,
+    positive,
+    shifted,
+    undone,
+)
 from sysid.effects.number import Number, number
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import LogResponse
@@ -29,6 +41,7 @@ EVEN = 12**-0.5  # standard deviation of what is even over a row
 MISSING = 2.0  # rows, from which the search for how many are missing begins
 ENOUGH = 6.0  # tau to dwell at each frequency, e^-6 of the change is left
 LEAST_ROWS = 8
+WHOLLY = 0.5  # by which a share is nearer to all than to nothing
 PHASES = np.array([0.1, 0.3, 1.0, 3.0, 6.0])  # rad from one end of a sweep to the other
 
 
@@ -316,4 +329,30 @@ PHASE_DELAY = Effect(
     },
     said=_unwound_said,
     scope="bench",
+)
+
+
+def _scattered(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    f = trial.log.frequency
+    return shifted(trial, "frequency", values[0] * (course(f) - f))
+
+
+def _scattered_said(trial: Trial, found: dict[str, Number]) -> Told:
+    return Told(
+        "its frequencies scatter about even steps, as those of a counter or of few digits do; they are taken"
+        " as even",
+        "write what the source was asked for, with all digits",
+    )
+
+
+# The frequencies of a sweep are read back with an error, by which each point lies beside the plate's curve.
+SCATTER = Effect(
+    name="frequency_scatter",
+    shows=in_order,
+    stds=lambda trial, about: np.ones(1),
+    starts=lambda trial, about: np.ones((1, 1)),  # all of it
+    applied=_scattered,
+    numbers=lambda trial, values, stds, about: {"share": number(values[0], stds[0], "1")},
+    said=_scattered_said,
+    makes_sense=lambda values, stds, own: bool(values[0] > SEEN * stds[0] and abs(values[0] - 1) < WHOLLY),
 )

@@ -11,6 +11,7 @@ from sysid.effects.effect import (
     Effect,
     Told,
     beside,
+    in_order,
     lasted,
     moving,
     nowhere,
@@ -44,6 +45,12 @@ def _timed(trial: Trial) -> bool:
     return whole and (sweep(trial) or moving(trial)) and len(trial.log) >= LEAST_ROWS
 
 
+def _drifts(trial: Trial) -> bool:
+    """Not settled points in the order of their frequencies: there a drift is another scale of these, that tau
+    takes up, and what shows is how they scatter."""
+    return _timed(trial) and not (trial.steady and (one_way(trial) or in_order(trial)))
+
+
 def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift = found["shift_Hz"]
     return Told(
@@ -54,7 +61,7 @@ def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 F0_DRIFT = Effect(
     name="f0_drift",
-    shows=_timed,
+    shows=_drifts,
     stds=lambda trial, about: np.array([SHIFTS[-1], 0.5]),
     starts=lambda trial, about: np.array([[x, 0.0] for x in (*-SHIFTS, *SHIFTS)]),
     applied=lambda trial, values, about: shifted(

@@ -195,6 +195,21 @@ def one_way(trial: Trial) -> bool:
     return bool(np.any(turns) and (np.all(turns >= 0) or np.all(turns <= 0)))
 
 
+def course(frequency: np.ndarray) -> np.ndarray:
+    """(n,) a smooth course of frequencies over their rows, a cubic: even steps, in Hz or in their ratios."""
+    row = np.linspace(-1, 1, len(frequency))
+    return np.polynomial.Legendre.fit(row, frequency, 3)(row)
+
+
+def in_order(trial: Trial) -> bool:
+    """Whether points of a sweep scatter about a smooth course by less than a step, so that they mostly keep
+    their order."""
+    f = trial.log.frequency
+    if not sweep(trial) or trial.whole is not None:
+        return False
+    return bool(0 < np.std(f - course(f)) < np.ptp(f) / len(f))
+
+
 def sweep_or_moving(trial: Trial) -> bool:
     """A sweep, or d and q of a transient whose inputs change."""
     return sweep(trial) or moving(trial)

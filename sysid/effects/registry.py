@@ -1,7 +1,7 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
 from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SECOND_POLE, SLOPE
-from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST
+from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST, SCATTER
 from sysid.effects.drift import (
     F0_DRIFT,
     OFFSET_DRIFTS,
@@ -36,6 +36,7 @@ EFFECTS: tuple[Effect, ...] = (
     DEAD_BAND,
     LIMIT,
     COMPRESSED,
+    SCATTER,
     F0_DRIFT,
     SELF_HEATING,
     OWN_RESONANCE,
