@@ -36,6 +36,7 @@ HIDDEN = (
 )
 TURNED = 0.5  # rad from end to end: of more a demodulator is seen to be at another frequency
 WARMED = 4.0  # half bandwidths: of a plate at some other temperature
+BESIDE = 0.01  # of a drift's power, a tenth of it, that has to be beside the recorded temperature
 CREPT = 0.5  # of the largest response
 
 
@@ -47,8 +48,17 @@ def _timed(trial: Trial) -> bool:
 
 def _drifts(trial: Trial) -> bool:
     """Not settled points in the order of their frequencies: there a drift is another scale of these, that tau
-    takes up, and what shows is how they scatter."""
-    return _timed(trial) and not (trial.steady and (one_way(trial) or in_order(trial)))
+    takes up, and what shows is how they scatter; nor where a recorded temperature goes with the time: that is
+    k_T's, and what shows is how it was read."""
+    scaled = trial.steady and (one_way(trial) or in_order(trial))
+    return _timed(trial) and not scaled and not _goes_along(trial)
+
+
+def _goes_along(trial: Trial) -> bool:
+    degC = trial.log.temperature
+    if degC is None or np.ptp(degC) <= LEAST_WARMING:
+        return False
+    return bool(np.corrcoef(degC, clock(trial.log))[0, 1] ** 2 > 1 - BESIDE)
 
 
 def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:

@@ -25,6 +25,7 @@ FEW = 8  # readings, of which no noise is told
 LONG = 16384  # readings that are looked at one by one
 # of a longer log: a temperature that went on changing from row to row would be an input that does
 LEVELS = 256
+HELD = 64  # rows of a long log, at least, that a level stands for: twice what is condensed to one
 AGAIN = 2.0  # times that each level is come to, on average, by readings that are held
 JUMP, FAR = (
     1.0,
@@ -174,7 +175,7 @@ def _smooth(y: np.ndarray) -> Reading:
         level, error = _smooth(y[knots])
         return Reading(np.interp(np.arange(len(y)), knots, level), error)
     if len(y) > LONG:
-        begins = np.linspace(0, len(y), LEVELS + 1).astype(int)
+        begins = np.linspace(0, len(y), max(LEVELS, len(y) // HELD) + 1).astype(int)
         level, error = _steady(np.add.reduceat(y, begins[:-1]) / np.diff(begins))
         return Reading(np.repeat(level, np.diff(begins)), error)
     n = len(y)
