@@ -28,6 +28,8 @@ from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
 from sysid.verdict import wording
 from sysid.verdict.identify import seconds
 
+UPSIDE_DOWN = 0.7  # of a correlation: half of the response's power is the drive's with its sign turned
+
 
 def from_onsets(logs: Sequence[Log]) -> tuple[tuple[Log, ...], list[str]]:
     """The logs, those of a decay without a recorded drive from the row on where it begins, and a sentence on
@@ -52,14 +54,38 @@ def _once(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
     return once, said
 
 
+def _upright(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+    """The logs of a plant without a frequency with a response that rises with the drive, and a sentence on
+    each that had the other sign: of a cooler, or a sensor the other way round."""
+    falls = [_falls(log) for log in logs]
+    up = [replace(log, response=-log.response) if f else log for log, f in zip(logs, falls, strict=True)]
+    return up, [f"{log.name}: {wording.FALLS}" for log, f in zip(logs, falls, strict=True) if f]
+
+
+def _falls(log: Log) -> bool:
+    """Whether a real response follows the drive, held back by whatever time it shows most of, downwards."""
+    moves = log.drive is not None and np.ptp(log.drive) > 0 and np.ptp(log.response) > 0
+    if log.frequency is not None or not (log.amplitude_only and moves):
+        return False
+    from scipy.signal import lfilter  # takes a third of a second to load
+
+    likes = [0.0]
+    for rows in (len(log) / 2.0 ** np.arange(1, 11)).tolist():
+        left = np.exp(-1 / rows)
+        held, _ = lfilter([1 - left], [1, -left], log.drive, zi=[left * log.drive[0]])
+        likes.append(float(np.corrcoef(held, log.response)[0, 1]) if np.ptp(held) > 0 else 0.0)
+    return max(likes, key=abs) < -UPSIDE_DOWN
+
+
 def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial, ...], list[str]]:
     """How each log is read at first, and sentences on what was assumed."""
     logs, again = _once(logs)
+    logs, falls = _upright(logs)
     readings = thermometer.of_plates(
         [log.temperature for log in logs], [log.temperature_digit for log in logs]
     )
     recorded = [r.temperature.mean() for r in readings if r is not None]
-    found, warnings = [], [*dict.fromkeys(said for log in logs for said in log.warnings), *again]
+    found, warnings = [], [*dict.fromkeys(said for log in logs for said in log.warnings), *again, *falls]
     for log, read in zip(logs, readings, strict=True):
         if read is not None:
             log = replace(

@@ -421,6 +421,21 @@ def test_a_heater_is_what_it_is_in_a_room_that_warms(seeds, read, among):
             assert abs(found.value - truth) < FAR * found.std
 
 
+@seeds(2, 20)
+def test_a_cooler_is_a_heater_the_other_way_round(seeds, among):
+    """It was of second order, with a damping ratio of 1.6."""
+    for seed in seeds:
+        made = oven(np.random.default_rng(seed), lambda t: 22.0 + 0 * t)
+        fit = sysid.fit(
+            dataclasses.replace(made, response=44.0 - made.response), nuisances=among("overshoot")
+        )
+        assert fit.result.name == "successful"
+        assert any("falls where its drive rises" in said for said in fit.warnings)
+        for name, truth in (("G", 14 / 40), ("tau", 400.0)):
+            found = fit.parameters[name]
+            assert abs(found.value - truth) < FAR * found.std
+
+
 LAWS = {
     "power": (lambda v: v**2, {}, "drive", "power", 2.0),
     "dead band": (lambda v: max(v - 1.0, 0.0), {}, "drive", "dead", 1.0),

@@ -22,6 +22,8 @@ FEW = 0.1  # of the rows, of which such readings are at most
 BESIDE = 7  # rows among whose readings the middle one is taken: three in succession may be wrong
 LEAST = 20  # rows in which this can be told
 SOME = 8  # rows in which a channel that is 0 throughout was not recorded
+DEAD = 0.2  # of the noise of one channel, less than which the other does not show: they share a lock-in
+QUARTILE = 0.3186  # of the size of a normal number of unit variance, which a quarter of them does not reach
 QUARTER = 0.5 * np.pi  # rad
 OPPOSITE = 0.5  # of the power of a signal, of which most then repeats itself with its sign turned
 ROUNDED = 1e-3  # rad, of phases in degrees of one decimal
@@ -133,19 +135,29 @@ def _refuse_oscillation(log: "Log") -> None:
 
 def _recorded(log: "Log") -> "Log":
     """With a warning where Wd or Wq is 0 in every row and the other is not: of one frequency the plate may be
-    in phase, or was simulated so. Raises LogError of several frequencies, at which no plate is."""
+    in phase, or was simulated so; or where one shows less than the other's noise. Raises LogError of several
+    frequencies, at which no plate is in phase, and where one is the other once more."""
     if log.amplitude_only or len(log) < SOME or log.frequency is None:
         return log
     parts = {"wd": log.response.real, "wq": log.response.imag}
-    zero = [name for name, part in parts.items() if not part.any()]
+    do = "record both, or the amplitude w alone"
+    if np.ptp(log.response.real) and np.all(np.abs(log.response.real) == np.abs(log.response.imag)):
+        raise LogError(f"{log.path or log.name}: found wq the same as wd, expected both channels; {do}")
+    least = {"wd": DEAD * _noise(parts["wq"]), "wq": DEAD * _noise(parts["wd"])}
+    zero = [name for name, part in parts.items() if np.std(part) < least[name] or not part.any()]
     if len(zero) != 1 or np.ptp(np.abs(log.response)) == 0:
         return log
-    other = "wq" if zero[0] == "wd" else "wd"
-    found = f"{zero[0]} is 0 in every row, and {other} alone is no amplitude"
-    do = "record both, or the amplitude w alone"
+    (name,), other = zero, "wq" if zero[0] == "wd" else "wd"
+    shows = f"shows less than the noise of {other}" if parts[name].any() else "is 0 in every row"
+    found = f"{name} {shows}, and {other} alone is no amplitude"
     if np.ptp(log.frequency[log.response != 0]) > 0:
         raise LogError(f"{log.path or log.name}: found that {found}, expected both channels; {do}")
     return _warned(log, f"{found}: taken as of a plate whose phase does not turn; {do}")
+
+
+def _noise(part: np.ndarray) -> float:
+    """Standard deviation of normal noise by the quietest quarter of the second differences."""
+    return float(np.quantile(np.abs(np.diff(part, 2)), 0.25)) / (QUARTILE * 6**0.5)
 
 
 def _warned(log: "Log", warning: str) -> "Log":

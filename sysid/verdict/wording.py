@@ -98,6 +98,9 @@ def unsettled(left: float) -> str:
     )
 
 
+FALLS = "its response falls where its drive rises: read with the other sign, which G is told without"
+
+
 def copied(again: np.ndarray) -> str:
     """That these rows are copies."""
     share = f"{np.sum(again)} of {len(again)} rows"
