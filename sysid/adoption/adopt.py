@@ -123,7 +123,7 @@ class _Adoption:
                 others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
                 del others[best.instances[-1].effect.name]
                 return done._replace(
-                    dispersion=done.dispersion + _between(done, alike) + _open(done),
+                    dispersion=done.dispersion + _between(done, alike) + self._open(done),
                     nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
                     rough=any(map(_rough, (best, *alike))),
                     rival=max(others.values(), default=-np.inf),
@@ -137,6 +137,18 @@ class _Adoption:
         follows = any(x.effect.follows and not trials[i].steady for x in best.instances for i in x.where)
         known = not (best.vague or follows)
         return best.sense and known and best.white and self.ahead(best)
+
+    def _open(self, found: Description) -> np.ndarray:
+        """(6, 6) what effects that all driven logs have leave open of theta, by the first log of each."""
+        trials, known = self.search.points.trials, np.zeros((len(NAMES), len(NAMES)))
+        driven = {i for i, t in enumerate(trials) if t.driven}
+        for effect in {x.effect for x in found.instances}:
+            own = [k for k, x in enumerate(found.instances) if x.effect is effect]
+            if driven.issubset({i for k in own for i in found.instances[k].where}):
+                numbers = found.numbers[found.parts[own[0]]]
+                std = effect.leaves(trials[found.instances[own[0]].where[0]], numbers)
+                known += np.outer(std, std)
+        return known
 
     def ahead(self, best: Description) -> bool:
         """Whether it beats what the first order found of other kinds, that was not tried in full."""
@@ -258,14 +270,6 @@ def _most_evidence(found: Found) -> float:
 
 def _most(worth: float, freedom: int) -> float:
     return worth - 0.5 * freedom * float(np.log(max(2 * worth / freedom, 1.0)))
-
-
-def _open(found: Description) -> np.ndarray:
-    """(6, 6) what effects that all driven logs have leave open of theta."""
-    driven = {i for i, t in enumerate(found.state.trials) if t.driven}
-    each = zip(found.instances, found.parts, strict=True)
-    left = [x.effect.leaves(found.numbers[part]) for x, part in each if driven.issubset(x.where)]
-    return sum((np.outer(std, std) for std in left), np.zeros((len(NAMES), len(NAMES))))
 
 
 def _between(best: Description, alike: Sequence[Description]) -> np.ndarray:

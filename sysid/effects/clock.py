@@ -21,6 +21,7 @@ from sysid.effects.effect import (
     undone,
 )
 from sysid.effects.number import Number, number
+from sysid.model.theta import NAMES
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial, with_noise
@@ -345,6 +346,15 @@ def _scattered_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
+def _unsure(trial: Trial, values: np.ndarray) -> np.ndarray:
+    """Of n frequencies that scatter by s about a cubic its middle is known to s sqrt(9/4n), and its slope to
+    s sqrt(3/n) over half of the sweep."""
+    f, n = trial.log.frequency, len(trial.log)
+    scatter = float(np.std(f - course(f)))
+    known = {"f0": scatter * np.sqrt(2.25 / n), "tau": scatter * np.sqrt(3 / n) / (0.5 * np.ptp(f))}
+    return np.array([known.get(name, 0.0) for name in NAMES])
+
+
 # The frequencies of a sweep are read back with an error, by which each point lies beside the plate's curve.
 SCATTER = Effect(
     name="frequency_scatter",
@@ -354,5 +364,7 @@ SCATTER = Effect(
     applied=_scattered,
     numbers=lambda trial, values, stds, about: {"share": number(values[0], stds[0], "1")},
     said=_scattered_said,
+    leaves=_unsure,
+    places=nowhere,  # as large as it is: to first order nothing holds it to that
     makes_sense=lambda values, stds, own: bool(values[0] > SEEN * stds[0] and abs(values[0] - 1) < WHOLLY),
 )

@@ -22,6 +22,8 @@ from sysid.trials.whitening import uneven
 
 LEAST_ROWS = 8  # of a log that can show more than a plate
 WIDE = 8.0  # half bandwidths, as of a usual sweep, where none is wider
+EXACT = 1e-6  # of a step of a sweep, by which its frequencies are even
+ORDER = 3  # of the smooth course of a sweep: even steps, in Hz or in their ratios, and a little of both
 SEEN = 3.0  # standard deviations from zero
 
 
@@ -89,9 +91,9 @@ class Effect:
     follows in steps, but for linear ones, where they had better be, seen from the plate near by, from which
     it is applied as well. `follows`: it takes how the plate moves from the row before, which has to be much
     nearer than tau: where it is not, each row would tell the next one. `leaves`: (6,) standard deviations
-    of theta that its numbers leave open, where all driven logs have it. `makes_sense`: whether numbers and
-    their standard deviations are those of the effect, where the plate's response would be `own` times the
-    largest of the logs at the most; unless stated, whether one that is linear is seen at all."""
+    of theta that it leaves open, where all driven logs have it as a given one does. `makes_sense`: whether
+    numbers and their standard deviations are those of the effect, where the plate's response would be `own`
+    times the largest of the logs at the most; unless stated, whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -118,7 +120,7 @@ class Effect:
     hop: Callable[[Trial, About], np.ndarray] | None = None
     stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
     follows: bool = False
-    leaves: Callable[[np.ndarray], np.ndarray] = lambda values: np.zeros(len(NAMES))
+    leaves: Callable[[Trial, np.ndarray], np.ndarray] = lambda trial, values: np.zeros(len(NAMES))
     makes_sense: Callable[[np.ndarray, np.ndarray, float], bool] | None = None
 
     def seen(self, values: np.ndarray, stds: np.ndarray, own: float = 1.0) -> bool:
@@ -196,9 +198,14 @@ def one_way(trial: Trial) -> bool:
 
 
 def course(frequency: np.ndarray) -> np.ndarray:
-    """(n,) a smooth course of frequencies over their rows, a cubic: even steps, in Hz or in their ratios."""
-    row = np.linspace(-1, 1, len(frequency))
-    return np.polynomial.Legendre.fit(row, frequency, 3)(row)
+    """(n,) a smooth course of frequencies over their rows: a cubic of these, or of their logarithms if they
+    are nearer to that."""
+    row, fit = np.linspace(-1, 1, len(frequency)), np.polynomial.Legendre.fit
+    even = fit(row, frequency, ORDER)(row)
+    if np.min(frequency) <= 0:
+        return even
+    ratios = np.exp(fit(row, np.log(frequency), ORDER, w=frequency)(row))  # errors in Hz are alike
+    return min((even, ratios), key=lambda f: float(np.std(frequency - f)))
 
 
 def in_order(trial: Trial) -> bool:
@@ -207,7 +214,8 @@ def in_order(trial: Trial) -> bool:
     f = trial.log.frequency
     if not sweep(trial) or trial.whole is not None:
         return False
-    return bool(0 < np.std(f - course(f)) < np.ptp(f) / len(f))
+    step = np.ptp(f) / len(f)
+    return bool(EXACT * step < np.std(f - course(f)) < step)
 
 
 def sweep_or_moving(trial: Trial) -> bool:

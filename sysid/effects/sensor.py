@@ -157,7 +157,7 @@ def _mirrored_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
-def _unlike(values: np.ndarray) -> np.ndarray:
+def _unlike(trial: Trial, values: np.ndarray) -> np.ndarray:
     """Of two channels whose gains are off independently, and by (1 + c)/(1 - c) unlike, the mean is off by a
     standard deviation of c as well."""
     return np.array([float(values[0]) * (name == "G") for name in NAMES])
