@@ -203,7 +203,8 @@ def _offset_drift(
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         share, error = size(found)
-        return Told(f"its output offset {what} by {share:.2g} ± {error:.1g} % of the largest response", to_do)
+        by = f"by {share:.2g} ± {error:.1g} % of the largest response"
+        return Told(f"its output offset {what.format(by)}", to_do)
 
     return Effect(
         name="offset_drift",
@@ -227,12 +228,12 @@ def _warmer(trial: Trial) -> bool:
 # with the time, straight or as a curve that bends twice; or with the temperature that was recorded
 OFFSET_DRIFTS = (
     _offset_drift(
-        "drifts from the first row to the last",
+        "drifts {} from the first row to the last",
         "wait until it is constant, or record a shorter log",
         {"": _along},
     ),
     _offset_drift(
-        "drifts, and bends,",
+        "drifts, and bends, {}",
         "wait until it is constant, or record a shorter log",
         {
             "": _along,
@@ -241,7 +242,7 @@ OFFSET_DRIFTS = (
         },
     ),
     _offset_drift(
-        "follows the temperature",
+        "follows the temperature, {}",
         "wait until it is constant, or subtract what the sensor shows of the temperature alone",
         {"": _read},
         True,

@@ -23,6 +23,7 @@ BESIDE = 7  # rows among whose readings the middle one is taken: three in succes
 LEAST = 20  # rows in which this can be told
 SOME = 8  # rows in which a channel that is 0 throughout was not recorded
 DEAD = 0.2  # of the noise of one channel, less than which the other does not show: they share a lock-in
+DIGITS = 1e-4  # of what a channel shows, which four digits leave open
 QUARTILE = 0.3186  # of the size of a normal number of unit variance, which a quarter of them does not reach
 QUARTER = 0.5 * np.pi  # rad
 OPPOSITE = 0.5  # of the power of a signal, of which most then repeats itself with its sign turned
@@ -136,12 +137,12 @@ def _refuse_oscillation(log: "Log") -> None:
 def _recorded(log: "Log") -> "Log":
     """With a warning where Wd or Wq is 0 in every row and the other is not: of one frequency the plate may be
     in phase, or was simulated so; or where one shows less than the other's noise. Raises LogError of several
-    frequencies, at which no plate is in phase, and where one is the other once more."""
+    frequencies, at which no plate is in phase, and where one is the other once more, noise and all."""
     if log.amplitude_only or len(log) < SOME or log.frequency is None:
         return log
     parts = {"wd": log.response.real, "wq": log.response.imag}
     do = "record both, or the amplitude w alone"
-    if np.ptp(log.response.real) and np.all(np.abs(log.response.real) == np.abs(log.response.imag)):
+    if _rough(parts["wd"]) and np.all(np.abs(parts["wd"]) == np.abs(parts["wq"])):
         raise LogError(f"{log.path or log.name}: found wq the same as wd, expected both channels; {do}")
     least = {"wd": DEAD * _noise(parts["wq"]), "wq": DEAD * _noise(parts["wd"])}
     zero = [name for name, part in parts.items() if np.std(part) < least[name] or not part.any()]
@@ -153,6 +154,13 @@ def _recorded(log: "Log") -> "Log":
     if np.ptp(log.frequency[log.response != 0]) > 0:
         raise LogError(f"{log.path or log.name}: found that {found}, expected both channels; {do}")
     return _warned(log, f"{found}: taken as of a plate whose phase does not turn; {do}")
+
+
+def _rough(part: np.ndarray) -> bool:
+    """Whether there is noise, more than of digits: its differences grow with their order, and those of a course
+    shrink."""
+    second, third = (float(np.median(np.abs(np.diff(part, order)))) for order in (2, 3))
+    return third > second > DIGITS * float(np.ptp(part))
 
 
 def _noise(part: np.ndarray) -> float:
