@@ -4,7 +4,7 @@ two."""
 import numpy as np
 import pytest
 from refusal import refused
-from test_missing import F0, RISE, SWEEP, TAU, F, T, V, table
+from test_missing import F0, RISE, SWEEP, TAU, F, T, V, noise, table
 
 import sysid
 from sysid.adoption.description import with_article
@@ -71,7 +71,8 @@ def test_a_step_of_one_channel_is_named(save):
     (log,) = read_logs(save(table(head, (T, V, np.full(len(T), F0), RISE, 0 * T))))
     (warning,) = log.warnings
     assert "log.csv: wq is 0 in every row, and wd alone is no amplitude" in warning
-    assert not read_logs(save(table(head, (T, V, np.full(len(T), F0), RISE, RISE))))[0].warnings
+    both = RISE + noise(len(T), 3).real  # the same noise in both would be that of one
+    assert not read_logs(save(table(head, (T, V, np.full(len(T), F0), RISE, both))))[0].warnings
 
 
 def test_a_channel_that_is_a_copy_or_dead_is_told(save):

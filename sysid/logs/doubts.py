@@ -157,8 +157,8 @@ def _recorded(log: "Log") -> "Log":
 
 
 def _rough(part: np.ndarray) -> bool:
-    """Whether there is noise, more than of digits: its differences grow with their order, and those of a course
-    shrink."""
+    """Whether there is noise, more than of digits: its differences grow with their order, and those of a
+    course shrink."""
     second, third = (float(np.median(np.abs(np.diff(part, order)))) for order in (2, 3))
     return third > second > DIGITS * float(np.ptp(part))
 
