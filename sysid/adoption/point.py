@@ -99,6 +99,15 @@ class Points:
         each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
         return np.concatenate(each) if each else np.zeros(0)
 
+    def steps(self, instances: Sequence[Instance]) -> np.ndarray:
+        """(d,) of central differences by the numbers."""
+        each = []
+        for x in instances:
+            trial = self.trials[x.where[0]]
+            own = x.effect.steps and x.effect.steps(trial, self.about)
+            each.append(DIFFERENCE * x.effect.stds(trial, self.about) if own is None else own)
+        return np.concatenate(each) if each else np.zeros(0)
+
     def refined(
         self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds
     ) -> State:
@@ -159,11 +168,12 @@ class Points:
         """Whether all numbers, with these standard deviations, are those of their effects."""
         driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
         own = max(1.0, driven)  # modes may take something away from one another
-        each = zip(instances, self.parts(instances), strict=True)
         followed = [self.trials[i] for x in instances if x.effect.follows for i in x.where]
-        return not any(_predicts(trial, state.tau) for trial in followed) and all(
-            x.effect.seen(numbers[part], stds[part], own) for x, part in each
-        )
+        if any(_predicts(trial, state.tau) for trial in followed):
+            return False
+        each = list(zip(instances, self.parts(instances), strict=True))
+        suit = (x.effect.suits(self.trials[x.where[0]], numbers[part], state.tau) for x, part in each)
+        return all(suit) and all(x.effect.seen(numbers[part], stds[part], own) for x, part in each)
 
     def differ(self, a: Point, b: Point) -> bool:
         """Whether points of the same effects differ by their numbers and by what they make of the logs: two
@@ -198,7 +208,7 @@ class Points:
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[LinearisedLog]
     ) -> list[np.ndarray]:
         """Of each log the derivatives of its rows by the numbers (n, d), off what its nuisances can make."""
-        step = DIFFERENCE * self.stds(instances)
+        step = self.steps(instances)
         found = [np.zeros((len(v.r), len(numbers))) for v in views]
         for instance, part in zip(instances, self.parts(instances), strict=True):
             for k in range(part.start, part.stop):

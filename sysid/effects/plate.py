@@ -296,5 +296,6 @@ OVERSHOOT = Effect(
     another=True,
     afresh=lambda trial: not trial.driven,
     places=nowhere,
+    suits=lambda trial, values, tau: tau < 2 * values[0] * lasted(trial),  # else it is behind a filter
     makes_sense=positive,
 )
