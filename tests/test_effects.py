@@ -436,6 +436,21 @@ def test_a_cooler_is_a_heater_the_other_way_round(seeds, among):
             assert abs(found.value - truth) < FAR * found.std
 
 
+@seeds(2, 20)
+def test_a_dead_time_of_many_rows_is_told(seeds, among):
+    """Twelve rows and a half, 6 % of tau: "which cannot be told from tau", and tau six errors off."""
+    for seed in seeds:
+        rng, t = np.random.default_rng(seed), np.arange(-120, 2400, 2.0)
+        y = 21.7 - 14.0 * np.expm1(-np.maximum(t - 25, 0) / 430) + 0.05 * rng.standard_normal(len(t))
+        given = {"time": t, "drive": np.where(t >= 0, 40.0, 0.0), "kind": "transient", "sampling": "instant"}
+        fit = sysid.fit(Log("dead", y, **given), nuisances=among("delay", "overshoot"))
+        assert fit.result.name == "successful"
+        assert [f.key for f in fit.findings if f.outcome == "fitted"] == ["delay"]
+        for name, truth in (("G", 14 / 40), ("tau", 430.0)):
+            found = fit.parameters[name]
+            assert abs(found.value - truth) < FAR * found.std
+
+
 LAWS = {
     "power": (lambda v: v**2, {}, "drive", "power", 2.0),
     "dead band": (lambda v: max(v - 1.0, 0.0), {}, "drive", "dead", 1.0),

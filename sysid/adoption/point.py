@@ -104,8 +104,8 @@ class Points:
         each = []
         for x in instances:
             trial = self.trials[x.where[0]]
-            own = x.effect.steps and x.effect.steps(trial, self.about)
-            each.append(DIFFERENCE * x.effect.stds(trial, self.about) if own is None else own)
+            small = DIFFERENCE * x.effect.stds(trial, self.about)
+            each.append(small if x.effect.steps is None else x.effect.steps(trial, self.about))
         return np.concatenate(each) if each else np.zeros(0)
 
     def refined(

@@ -91,10 +91,11 @@ class Effect:
     follows in steps, but for linear ones, where they had better be, seen from the plate near by, from which
     it is applied as well. `follows`: it takes how the plate moves from the row before, which has to be much
     nearer than tau: where it is not, each row would tell the next one. `steps`: (d,) over which the response
-    changes with its numbers, where it does so from row to row. `leaves`: (6,) standard deviations
-    of theta that it leaves open, where all driven logs have it as a given one does. `suits`: whether numbers
-    are those of the effect beside a plate of such a tau. `makes_sense`: whether numbers and their standard deviations are those of the effect, where the plate's response would be `own`
-    times the largest of the logs at the most; unless stated, whether one that is linear is seen at all."""
+    changes with its numbers, where it does so from row to row. `leaves`: (6,) standard deviations of theta
+    that it leaves open, where all driven logs have it as a given one does. `suits`: whether numbers are those
+    of the effect beside a plate of such a tau. `makes_sense`: whether numbers and their standard deviations
+    are those of the effect, where the plate's response would be `own` times the largest of the logs at the
+    most; unless stated, whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]

@@ -28,7 +28,11 @@ def timed(
     if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
         return _without_time(head, plan, arrays)
     if "time" in arrays and (decrease := decrease_of(arrays["time"][0])) is not None:
-        expected = f"a time not below the one before{remedy(head, plan)}"
+        newest_first = bool(np.all(np.diff(arrays["time"][0]) < 0))
+        what_to_do = (
+            "; its rows stand newest first: sort them by time" if newest_first else remedy(head, plan)
+        )
+        expected = f"a time not below the one before{what_to_do}"
         refuse_row(head, body, plan.sources["time"], rows, decrease, expected)
     if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
         if kind != "steady" and not _sweeps(arrays):
