@@ -83,7 +83,7 @@ DELAY = Effect(
     numbers=lambda trial, values, stds, about: {"delay_s": number(values[0], stds[0], "s")},
     said=_delay_said,
     scope="bench",
-    steps=lambda trial, about: np.array([0.5 * min(trial.spacing, about.tau)]),  # less is a feedthrough
+    steps=lambda trial, about: np.array([min(trial.spacing, about.tau)]),  # less is a feedthrough
     places=nowhere,
     known_as=("late", "early"),
 )
