@@ -119,7 +119,7 @@ class _Adoption:
             done = self.search.finished(best) if self.ahead(best) else best
             if done.sense:
                 near = best.evidence - NEARLY
-                alike = [d for d in ends if d is not best and d.sense and d.evidence > near]
+                alike = [d for d in ends if d is not best and d.sense and near < d.evidence <= best.evidence]
                 others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
                 del others[best.instances[-1].effect.name]
                 return done._replace(
