@@ -196,17 +196,20 @@ def test_the_gain_is_open_where_nobody_knows_which_channel_is_right(seeds):
 @pytest.mark.parametrize("spoil", ["counter", "digits"])
 @seeds(2, 20)
 def test_frequencies_that_scatter_are_taken_as_even(seeds, spoil):
-    """A drift of f0 over the rows, of twice the sweep, made even steps of them, with tau 400 errors off."""
+    """A drift of f0 over the rows, of twice the sweep, made even steps of them, with tau 400 errors off. Digits
+    are read as even; of a counter's scatter, two thirds of a step, some sweeps are described as noise."""
+    named = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         f = F0 + np.linspace(-500, 500, 111)
         y = noisy(rng, settled(f), 0.005)
-        shown = f + 2.0 * rng.standard_normal(111) if spoil == "counter" else 10 * np.rint(f / 10 + 0.2)
+        shown = f + 6.0 * rng.standard_normal(111) if spoil == "counter" else 10 * np.rint(f / 10 + 0.2)
         fit = sysid.fit(swept(rng, shown, y))
         assert fit.result.name == "successful"
-        for name, truth in (("G", 1.0), ("tau", TAU), ("f0", F0 + 2.0 * (spoil == "digits"))):
-            found = fit.parameters[name]
-            assert abs(found.value - truth) < FAR * found.std, (seed, name)
+        assert right(fit, G=1.0, tau=TAU, f0=F0 + 2.0 * (spoil == "digits"))
+        named.append({f.key for f in fit.findings if f.outcome == "fitted"})
+    assert all(keys <= {"frequency_scatter"} for keys in named)
+    assert spoil == "digits" or np.mean([bool(keys) for keys in named]) > 0.5
 
 
 def coupled(rng):
@@ -394,6 +397,12 @@ def staircase(levels, hold, tau, rng, noise, acts, falls=1.0):
     )
 
 
+def right(fit, **truths):
+    """Whether all of these are within a few of their errors of the truth."""
+    found = {name: fit.parameters[name] for name in truths}
+    return all(abs(found[name].value - truth) < FAR * found[name].std for name, truth in truths.items())
+
+
 def oven(rng, room, read=False):
     """A heater of 400 s that is on for two times, in a room of its own temperature."""
     t = 4.0 * np.arange(1500)
@@ -416,9 +425,7 @@ def test_a_heater_is_what_it_is_in_a_room_that_warms(seeds, read, among):
         fit = sysid.fit(made, nuisances=among("offset_drift", "second_pole", "stretch"))
         assert fit.result.name == "successful"
         assert [f.key for f in fit.findings if f.outcome == "fitted"] == ["offset_drift"]
-        for name, truth in (("G", 14 / 40), ("tau", 400.0)):
-            found = fit.parameters[name]
-            assert abs(found.value - truth) < FAR * found.std
+        assert right(fit, G=14 / 40, tau=400.0)
 
 
 @seeds(2, 20)
@@ -431,9 +438,7 @@ def test_a_cooler_is_a_heater_the_other_way_round(seeds, among):
         )
         assert fit.result.name == "successful"
         assert any("falls where its drive rises" in said for said in fit.warnings)
-        for name, truth in (("G", 14 / 40), ("tau", 400.0)):
-            found = fit.parameters[name]
-            assert abs(found.value - truth) < FAR * found.std
+        assert right(fit, G=14 / 40, tau=400.0)
 
 
 @seeds(2, 20)
@@ -445,10 +450,9 @@ def test_a_dead_time_of_many_rows_is_told(seeds, among):
         given = {"time": t, "drive": np.where(t >= 0, 40.0, 0.0), "kind": "transient", "sampling": "instant"}
         fit = sysid.fit(Log("dead", y, **given), nuisances=among("delay", "overshoot"))
         assert fit.result.name == "successful"
-        assert [f.key for f in fit.findings if f.outcome == "fitted"] == ["delay"]
-        for name, truth in (("G", 14 / 40), ("tau", 430.0)):
-            found = fit.parameters[name]
-            assert abs(found.value - truth) < FAR * found.std
+        (found,) = (f.key for f in fit.findings if f.outcome == "fitted")
+        assert found in ("delay", "filter")  # of four poles, which is hardly another curve
+        assert right(fit, G=14 / 40, tau=430.0)
 
 
 LAWS = {

@@ -156,7 +156,8 @@ class Points:
     def told(self, where: set[int], state: State) -> float:
         """The information of tau in a state over that in the plant alone, in the noise of its one log, a
         transient; 1 where settled points, or other logs, tell it as well."""
-        if any(t.steady or (t.driven and i not in where) for i, t in enumerate(self.trials)):
+        others = any(t.steady or (t.driven and i not in where) for i, t in enumerate(self.trials))
+        if others or len(where) > 1:
             return 1.0
         (i,) = where
         noise = [x.trials[i].noise.std for x in (state, self.alone)]

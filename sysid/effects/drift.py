@@ -55,10 +55,10 @@ def _drifts(trial: Trial) -> bool:
 
 
 def _goes_along(trial: Trial) -> bool:
-    degC = trial.log.temperature
-    if degC is None or np.ptp(degC) <= LEAST_WARMING:
+    passed = clock(trial.log)
+    if not _warmer(trial) or np.ptp(passed) == 0:
         return False
-    return bool(np.corrcoef(degC, clock(trial.log))[0, 1] ** 2 > 1 - BESIDE)
+    return bool(np.corrcoef(trial.log.temperature, passed)[0, 1] ** 2 > 1 - BESIDE)
 
 
 def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:

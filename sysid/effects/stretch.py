@@ -113,9 +113,8 @@ class _Sums(NamedTuple):
         behind = np.zeros(len(rows) + 1, rows.dtype)
         anew, decays = np.zeros((len(rows) + 1, rows.shape[1]), rows.dtype), np.zeros(len(rows) + 1)
         if _begins_anew(trial):
-            behind[:-1] = (
-                _decay(trial, course.pole) if trial.channels > 1 else _decay(trial, course.pole).real
-            )
+            decayed = _decay(trial, course.pole)
+            behind[:-1] = decayed if trial.channels > 1 else decayed.real
             behind[-1] = behind[-2]
             decay = np.exp(np.diff(behind)).conj()
             for k in reversed(range(len(rows))):

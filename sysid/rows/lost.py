@@ -5,7 +5,7 @@ A plate at rest before its first drive may read exactly zero, and a decaying res
 numbers; lost rows are exact zeros among rows far larger than the recorder's finest step. A coarse recorder
 repeats itself; but where both Wd and Wq stand still among rows that move by hundreds of steps, they were not
 measured anew: in one row, in a stretch, or in every second row of a recorder that samples faster than its
-lock-in.
+lock-in. A row that is the one before in every column is a copy of it.
 """
 
 from collections.abc import Sequence
