@@ -31,6 +31,7 @@ from effects_plate import (
     behind,
     beside,
     between,
+    blurred,
     clipped,
     coupled,
     failing,
@@ -91,6 +92,7 @@ KINDS = {
         (2.0, 30.0), ("duffing",), ALL, lambda b, s: rows(b, Law(shift=lambda w: 4 * s * w**2))
     ),
     "amplitude damping": Kind((0.05, 0.6), ("amplitude_damping",), ALL, stirred),
+    "blur": Kind((0.1, 0.5), ("blur",), ("sweep", "pair"), sweep_only(blurred)),
     "doublet": Kind(
         (0.7, 1.5),
         ("second_mode",),
@@ -147,6 +149,12 @@ KINDS = {
         ("image",),
         ALL,
         recorder=lambda log, s: answered(lambda y: (1 - s / 2) * y.real + 1j * (1 + s / 2) * y.imag)(log),
+    ),
+    "tone": Kind(
+        (0.006, 0.05),
+        ("tone",),
+        TIMED,
+        transient_only(lambda b, s: rows(b) + s * TOP * np.exp(1j * (2 * np.pi * 170 * b.time + 1))),
     ),
     "AC coupling": Kind((1.0, 0.015), ("ac_coupling",), TIMED, transient_only(coupled)),
     "edges": Kind((0.25, 0.75), ("edges",), ("burst", "levels"), driven=between),

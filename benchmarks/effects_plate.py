@@ -267,5 +267,12 @@ def answered(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Log], Log]
     return lambda log: replace(log, response=change(log.response))
 
 
+def blurred(bench: Bench, size: float) -> np.ndarray:
+    """The mean over a resonance that scatters normally by so many half bandwidths."""
+    x = np.linspace(-5, 5, 101)
+    each = np.array([rows(bench, Law(shifts=size * HALF * at)) for at in x])
+    return np.average(each, axis=0, weights=np.exp(-(x**2) / 2))
+
+
 def stirred(bench: Bench, size: float) -> np.ndarray:
     return rows(bench, Law(damped=lambda w: 1 + size * w**2))

@@ -29,7 +29,7 @@ rows       clock onset dwell hold rounding thermometer lost glitch condense leve
 model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected jitter extra rounds rounded residuals renew
 minimum    guess search start images descent minimise ridge
-effects    number effect clock plate drive sensor drift beside stretch registry
+effects    number effect clock plate drive sensor drift mode beside blur stretch registry
 verdict    result finding identify wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
            sensor_delay amplitude_offset differing term firstorder timing between throughout terms linear averaged misfit
            inconsistent_log conjugate_phase conclusion ownership decay bench comparison

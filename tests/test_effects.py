@@ -9,6 +9,7 @@ import pytest
 from conftest import seeds, study
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
+from scipy.special import wofz
 
 import sysid
 from sysid.effects.effect import About, plain
@@ -253,11 +254,21 @@ def between_rows(rng):
     return [Log("burst", noisy(rng, y, 0.003), **given, sampling="instant")]
 
 
+def hummed(rng):
+    """A tone 70 Hz beside the carrier, of 2 % of the response and more in one channel than in the other."""
+    t, off = 1e-4 * (np.arange(300) - 30), 8.0
+    z = settled(F0 - off) * -np.expm1((-1 / TAU + 2j * np.pi * off) * np.maximum(t, 0))
+    tone = 2 * np.pi * 70 * t + 0.7
+    volts, frequency = np.where(t < -1e-12, 0.0, 1.0), np.full(300, F0 - off)
+    y = noisy(rng, np.exp(0.3j) * z + 0.02 * np.cos(tone) + 0.01j * np.sin(tone + 0.4), 0.002)
+    return [Log("step", y, t, volts, frequency, kind="transient", sampling="instant")]
+
+
 KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
-    "temperature_damping": damped_by_warmth,
+    "temperature_damping": damped_by_warmth, "tone": hummed,
     "duffing of a step": softened_step, "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 
@@ -283,6 +294,29 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind, every):
         for name, truth in (("tau", TAU), ("f0", F0)):
             found = fit.parameters[name]
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
+
+
+def blurred(rng, share, power):
+    """A normal distribution of the detuning: a Voigt profile, by the Faddeeva function."""
+    f = F0 + np.linspace(-500, 500, 161)
+    y = np.sqrt(np.pi / 2) / share * wofz((1j + (F0 - f) / HALF) / (np.sqrt(2) * share))
+    return swept(rng, f, np.abs(noisy(rng, np.sqrt(y.real), 0.002)) if power else noisy(rng, y, 0.002))
+
+
+@pytest.mark.parametrize("power", [False, True])
+@seeds(1, 10)
+def test_a_blurred_peak_is_no_second_mode(seeds, power):
+    """It was two modes half a half bandwidth apart, with G and f0 up to 60 errors off."""
+    share = 0.5
+    for seed in seeds:
+        fit = sysid.fit(blurred(np.random.default_rng(seed), share, power))
+        assert fit.result.name == "misfit"
+        (found,) = (f for f in fit.findings if f.outcome == "refused")
+        std = found.numbers["std_Hz"]
+        assert found.key == "blur"
+        # their errors are those of a plate whose derivatives are not blurred, and too small by half
+        assert std.value == pytest.approx(share * HALF, rel=0.08)
+        assert fit.modes[0].tau == pytest.approx(TAU, rel=0.04)  # by the plate alone a fifth too short
 
 
 def _for_a_while(kind, rng):
@@ -358,7 +392,7 @@ def test_what_undoes_a_limiter_is_its_inverse():
         w = peak * settled(f)
         (log,) = swept(None, f, w / np.abs(w) * np.tanh(np.abs(w)))
         trial, taken = Trial.of(log, "steady"), np.array([peak / np.tanh(peak) - 1])
-        about = About((F0, 24.0), np.zeros(6), TAU, HALF, trial.scale, 1.0, 1000.0)
+        about = About((F0, 24.0), np.zeros(6), np.zeros(6), TAU, HALF, trial.scale, 1.0, 1000.0)
         read = [e.applied(trial, taken, about).log.response for e in EFFECTS if e.name == "saturation"]
         assert min(np.max(np.abs(y - w)) for y in read) < 1e-5 * peak
 
@@ -453,6 +487,22 @@ def test_a_dead_time_of_many_rows_is_told(seeds, among):
         (found,) = (f.key for f in fit.findings if f.outcome == "fitted")
         assert found in ("delay", "filter")  # of four poles, which is hardly another curve
         assert right(fit, G=14 / 40, tau=430.0)
+
+
+@seeds(1, 20)
+def test_hum_in_a_log_without_a_frequency_is_told(seeds, among):
+    """Of mains that a slow recorder folds to 0.1 Hz; many turns in a log pass as noise, with errors that hold."""
+    for seed in seeds:
+        rng, t = np.random.default_rng(seed), np.arange(-5, 40, 0.05)
+        y = -4 * np.expm1(-np.maximum(t, 0) / 8) + 0.2 * np.sin(2 * np.pi * 0.1 * t + 1)
+        drive = np.where(t > -1e-9, 1.0, 0.0)
+        given = {"time": t, "drive": drive, "kind": "transient", "sampling": "instant"}
+        fit = sysid.fit(Log("rc", y + 0.02 * rng.standard_normal(len(t)), **given), nuisances=among("tone"))
+        assert fit.result.name == "successful"
+        (found,) = (f for f in fit.findings if f.outcome == "fitted")
+        hertz = found.numbers["tone_Hz"]
+        assert found.key == "tone" and abs(hertz.value - 0.1) < FAR * hertz.std
+        assert right(fit, G=4.0, tau=8.0)
 
 
 LAWS = {

@@ -63,12 +63,12 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     each = instances(state.trials, names)
     away = 0.0 if looked.fit is None else looked.fit.away
     about = About.of(state, minimiser.reference, away)
-    adoption = _Adoption(Search(Points(minimiser, state, about)), looked.found)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
-    before, named, count = None, None, sum(map(len, here))
+    adoption = _Adoption(Search(Points(minimiser, state, about)), looked.found, sum(map(len, here)))
+    before, named = None, None
     for _ in range(MOST):
-        best = adoption.best(before, here, count)
+        best = adoption.best(before, here)
         if best is None:
             break
         if (anew := adoption.search.stated(best)) is not None:
@@ -93,23 +93,21 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
 
 
 class _Adoption:
-    """What is known of effects that were tried beside what the first order `found`."""
+    """What is known of effects that were tried, `count` of them, beside what the first order `found`."""
 
-    def __init__(self, search: Search, found: Sequence[Found]):
-        self.search, self.before, self.found = search, search.points.alone, found
+    def __init__(self, search: Search, found: Sequence[Found], count: int):
+        self.search, self.before, self.found, self.count = search, search.points.alone, found, count
         self.alone: list[Description] = []  # of effects by themselves
         self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
 
-    def best(
-        self, before: Description | None, here: Sequence[Sequence[Group]], count: int
-    ) -> Description | None:
+    def best(self, before: Description | None, here: Sequence[Sequence[Group]]) -> Description | None:
         """The best description with one more effect, of those that are likely or else of the others as well;
         None where none gains, or one that is no effect at all by its numbers gains more: something else is
         there."""
         ends: list[Description] = []
         for k, some in enumerate(here):
             if some and not (ends and self._enough(ends[0])):
-                found = self.search.ends(before, some, count)
+                found = self.search.ends(before, some, self.count)
                 if k == len(here) - 1 and ends and ends[0].sense and ends[0].explains(self.before):
                     found = [d for d in found if d.white]
                 self.alone += found if before is None else []
@@ -131,12 +129,8 @@ class _Adoption:
         return None
 
     def _enough(self, best: Description) -> bool:
-        """Whether nothing else has to be tried beside it. What follows the rows of a transient may tell each
-        by the one before, whatever it is."""
-        trials = best.state.trials
-        follows = any(x.effect.follows and not trials[i].steady for x in best.instances for i in x.where)
-        known = not (best.vague or follows)
-        return best.sense and known and best.white and self.ahead(best)
+        """Whether nothing else has to be tried beside it."""
+        return best.sense and not best.vague and best.white and self.ahead(best)
 
     def _open(self, found: Description) -> np.ndarray:
         """(6, 6) what effects that all driven logs have leave open of theta, by the first log of each."""
@@ -151,11 +145,21 @@ class _Adoption:
         return known
 
     def ahead(self, best: Description) -> bool:
-        """Whether it beats what the first order found of other kinds, that was not tried in full."""
+        """Whether it beats what the first order found of other kinds, of which an upper bound is known unless
+        they were tried in full; what beats it by that bound is."""
         full = {name for d in self.alone for name in d.names()}
         others = [f for f in self.found if not any(f.name == n and f.log in (None, i) for n, i in full)]
         apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
-        return best.evidence > max([SURE, *map(_most_evidence, others), *map(self.apart, apart)])
+        known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in others)
+        return best.evidence > max([SURE, *known, *map(self.apart, apart)])
+
+    def whole(self, found: Found) -> float:
+        """Evidence of what the first order found, with all its numbers if it is the effect of a log."""
+        effects = [e for e in EFFECTS if e.name == found.name]
+        if found.log is None or not effects:
+            return _most_evidence(found)
+        ends = self.search.ends(None, [(Instance(e, (found.log,)),) for e in effects], self.count)
+        return max((d.evidence for d in ends), default=-np.inf)
 
     def apart(self, i: int) -> float:
         """The same of a log that is another plate's, with parameters of its own, which to first order may

@@ -63,8 +63,8 @@ class Description(NamedTuple):
     @property
     def vague(self) -> bool:
         """Whether with such numbers one of its effects may look like anything."""
-        each = zip(self.instances, self.parts, strict=True)
-        return any(x.effect.vague(self.numbers[part]) for x, part in each)
+        each, trials = zip(self.instances, self.parts, strict=True), self.state.trials
+        return any(x.effect.vague(trials[i], self.numbers[part]) for x, part in each for i in x.where)
 
     @property
     def white(self) -> bool:

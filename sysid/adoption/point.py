@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.adoption.description import Instance
-from sysid.effects.effect import About, Effect, plain
+from sysid.effects.effect import About, Effect, Fitted, plain
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.trials.rounds import Rounds
@@ -29,7 +29,7 @@ from sysid.verdict.linearised import LinearisedLog
 LEVEL = Rounds(1, white=True)  # what is compared
 APART = 0.05  # prior standard deviations, by which optima differ
 NEAR = 0.05  # standard deviations, which matter to nothing
-HELD = 0.25  # of tau, for which the motion of one row may stand: a fifth of it is then gone
+SETTLED = 8  # times that an effect follows the plate, each of which halves what is left at the least
 DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
 
 
@@ -76,6 +76,10 @@ class Points:
     ) -> Point:
         """With these effects, at the minimum near another, or on the way to it."""
         state = self.refined(instances, numbers, near, rounds)
+        for _ in range(SETTLED if any(x.effect.settles for x in instances) else 0):
+            near, state = state, self.refined(instances, numbers, state, rounds)
+            if abs(state.likelihood - near.likelihood) < NEAR**2:
+                break
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
     def applied(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> tuple[Trial, ...]:
@@ -83,10 +87,10 @@ class Points:
         fed = [t.bench.fed for t in near.trials]
         read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]
         for instance, part in zip(instances, self.parts(instances), strict=True):
-            hops = instance.effect.hop is not None
-            about = self.about._replace(theta=near.theta) if hops else self.about
             for i in instance.where:
-                read[i] = instance.effect.applied(read[i], numbers[part], about)
+                read[i] = instance.effect.applied(
+                    read[i], numbers[part], self.about._replace(near=near.theta)
+                )
         return tuple(read)
 
     def parts(self, instances: Sequence[Instance]) -> list[slice]:
@@ -151,7 +155,7 @@ class Points:
 
     def seen_from(self, state: State, i: int) -> tuple[Trial, About]:
         """A log as it was recorded, and what is known of it, from a plate and a bench near by."""
-        return replace(self.trials[i], bench=state.trials[i].bench), self.about._replace(theta=state.theta)
+        return replace(self.trials[i], bench=state.trials[i].bench), self.about._replace(near=state.theta)
 
     def told(self, where: set[int], state: State) -> float:
         """The information of tau in a state over that in the plant alone, in the noise of its one log, a
@@ -169,12 +173,12 @@ class Points:
         """Whether all numbers, with these standard deviations, are those of their effects."""
         driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
         own = max(1.0, driven)  # modes may take something away from one another
-        followed = [self.trials[i] for x in instances if x.effect.follows for i in x.where]
-        if any(_predicts(trial, state.tau) for trial in followed):
-            return False
-        each = list(zip(instances, self.parts(instances), strict=True))
-        suit = (x.effect.suits(self.trials[x.where[0]], numbers[part], state.tau) for x, part in each)
-        return all(suit) and all(x.effect.seen(numbers[part], stds[part], own) for x, part in each)
+        each = zip(instances, self.parts(instances), strict=True)
+        return all(
+            x.effect.sensible(self.trials[i], Fitted(numbers[part], stds[part], state.tau, own))
+            for x, part in each
+            for i in x.where
+        )
 
     def differ(self, a: Point, b: Point) -> bool:
         """Whether points of the same effects differ by their numbers and by what they make of the logs: two
@@ -224,12 +228,6 @@ class Points:
 def _sloped(effect: Effect, count: int) -> np.ndarray:
     """(d,) whether steps lead to a number: a log follows those that hop in steps, but for the linear ones."""
     return np.array([effect.hop is None or k in effect.linear for k in range(count)])
-
-
-def _predicts(trial: Trial, tau: float) -> bool:
-    """Whether with such a plate, as its inputs stand still, each row tells the next one."""
-    still = not trial.steady and 2 * trial.changes < len(trial.log)
-    return still and trial.spacing > HELD * tau
 
 
 def fed(state: State) -> bool:

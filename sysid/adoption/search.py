@@ -44,7 +44,7 @@ class Search:
         first."""
         known = 0 if before is None else len(before.instances)
         starts = [p for x in tried for p in self.starts(before, x) if np.isfinite(self.hoped(p))]
-        starts.sort(key=self.hoped)
+        starts.sort(key=lambda p: self.hoped(p) - self.volume(p))
         followed = []
         for group in _likely([p.instances[known:] for p in starts]):
             own = [p for p in starts if p.instances[known:] == group][:CLOSER]
@@ -98,6 +98,11 @@ class Search:
         """The cost after one more step from a point, to second order."""
         return point.cost - self.points.looked(point).gain
 
+    def volume(self, point: Point) -> float:
+        """Logarithm of the share of the numbers' prior that the logs leave."""
+        stds, covariance = self.points.stds(point.instances), self.points.looked(point).covariance
+        return 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
+
     def followed(self, point: Point, most: int) -> Point:
         """Where `most` steps from a point, or fewer, lead."""
         for _ in range(most):
@@ -146,8 +151,7 @@ class Search:
         """The description at an optimum. Its evidence is that in white noise of one level, as that of the
         plant alone is: tails and colour make up for what a wrong description leaves."""
         _, covariance, dispersion, *_ = self.points.looked(point)
-        stds, parts = self.points.stds(point.instances), self.points.parts(point.instances)
-        volume = 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
+        parts, volume = self.points.parts(point.instances), self.volume(point)
         evidence = self.points.base - point.cost + volume - len(point.instances) * np.log(count)
         evidence = evidence + _coloured(point, self.points) if np.isfinite(evidence) else -np.inf
         found = Description(

@@ -196,7 +196,7 @@ EDGES = Effect(
     numbers=_apart_numbers,
     said=_apart_said,
     linear=tuple(range(CHANGES)),
-    makes_sense=lambda values, stds, own: bool(np.max(np.abs(values)) <= 1),
+    makes_sense=lambda trial, fitted: bool(np.max(np.abs(fitted.values)) <= 1),
 )
 
 
@@ -247,7 +247,7 @@ def _lost(share: float) -> Effect:
         numbers=numbers,
         said=said,
         many=True,
-        makes_sense=lambda values, stds, own: bool(values[0] > max(0.5, 3 * stds[0])),
+        makes_sense=lambda trial, fitted: fitted.positive() and bool(fitted.values[0] > 0.5),
     )
 
 
@@ -367,5 +367,5 @@ SCATTER = Effect(
     said=_scattered_said,
     leaves=_unsure,
     places=nowhere,  # as large as it is: to first order nothing holds it to that
-    makes_sense=lambda values, stds, own: bool(values[0] > SEEN * stds[0] and abs(values[0] - 1) < WHOLLY),
+    makes_sense=lambda trial, fitted: fitted.positive() and bool(abs(fitted.values[0] - 1) < WHOLLY),
 )

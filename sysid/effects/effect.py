@@ -25,6 +25,8 @@ WIDE = 8.0  # half bandwidths, as of a usual sweep, where none is wider
 EXACT = 1e-6  # of a step of a sweep, by which its frequencies are even
 ORDER = 3  # of the smooth course of a sweep: even steps, in Hz or in their ratios, and a little of both
 SEEN = 3.0  # standard deviations from zero
+FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
+HELD = 0.25  # of tau, for which the motion of one row may stand: a fifth of it is then gone
 
 
 class Told(NamedTuple):
@@ -35,14 +37,15 @@ class Told(NamedTuple):
 
 
 class About(NamedTuple):
-    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta; tau s; the
-    half bandwidth Hz; `top`, the largest response of the logs, `drive` the largest drive, and `span` (Hz) the
-    widest sweep, or what is usual; `driven` Hz, the lowest and the highest frequency, less the reference;
-    `told` degC, where f0 is told; `fitted` s, tau as it is with the effect, and its relative error; `moved`
-    Hz, by how much the effect moves f0."""
+    """What is known of plant and log before an effect is fitted: `reference` Hz and degC; theta, and that of
+    the plate `near` which it is fitted; tau s; the half bandwidth Hz; `top`, the largest response of the
+    logs, `drive` the largest drive, and `span` (Hz) the widest sweep, or what is usual; `driven` Hz, the
+    lowest and the highest frequency, less the reference; `told` degC, where f0 is told; `fitted` s, tau as it
+    is with the effect, and its relative error; `moved` Hz, by how much the effect moves f0."""
 
     reference: tuple[float, float]
     theta: np.ndarray
+    near: np.ndarray
     tau: float
     half_bandwidth: float
     top: float
@@ -62,40 +65,56 @@ class About(NamedTuple):
         ends = [(float(np.min(x)), float(np.max(x))) for x in each] or [(0.0, 0.0)]
         driven = (min(low for low, _ in ends), max(high for _, high in ends))
         drive = max((float(np.max(np.abs(t.log.drive))) for t in state.trials if t.driven), default=1.0)
-        known = reference, state.theta, state.tau, state.half_bandwidth
+        known = reference, state.theta, state.theta, state.tau, state.half_bandwidth
         return cls(*known, top, drive, span, driven, reference[1] + away)
+
+
+class Fitted(NamedTuple):
+    """Numbers (d,) of an effect as they are fitted to a log, and their standard deviations; tau (s) of the
+    plate that is fitted beside it, and its largest response over that of the logs, or 1 where it is less."""
+
+    values: np.ndarray
+    stds: np.ndarray
+    tau: float
+    own: float = 1.0
+
+    def seen(self, *numbers: int) -> bool:
+        """Whether one of these is not zero."""
+        some = list(numbers) or slice(None)
+        return bool(np.max(np.abs(self.values[some]) / self.stds[some]) > SEEN)
+
+    def positive(self) -> bool:
+        """Whether the first is not zero, and larger."""
+        return bool(self.values[0] > SEEN * self.stds[0])
 
 
 @dataclass(frozen=True)
 class Effect:
     """An effect by the name that it has in scenes.
 
-    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`:
-    (m, d) from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their
-    standard deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and
-    these. `scope`: "log", each log has numbers of its own; "plate", they are the same in all logs that
-    show it; "bench", they may be either. `many`: a log may have more than one. `rough`: in which logs its
-    law is not known well enough for the errors that the fit states, so that it is named and not adopted.
-    `another`: with it the plant is not of first order, and G and tau are none of it. `afresh`: with it the
-    plant of that log may be far from what it seems without, and is looked for anew from each start.
-    `stretched`: of one that changes what was recorded, the log of by how much it stretches that. `linear`:
-    numbers that the response follows in proportion from zero, as far as a log has them, by which logs show
-    it to first order, beside others at each of its `places` (m, d); where none is, all that it does at a
-    place. `known_as`: what else shows it to first order (`verdict.terms`); with neither it has to be tried.
-    `noise_like`: whether noise of a log looks like such numbers. `expected`: every plate has a little of
-    it. `unseen`: what to say of it, of its size and of what that moves, where it may be there and hide.
-    `stated`: what a log's metadata would have said of it, by which rows are read in another way.
-    `colour`: of noise that went through it, the correlation of rows that are so many seconds apart.
-    `relative`: it is what a log is beside others, and not what all are. `vague`: whether with such
-    numbers it may look like anything, so that all others are tried as well. `hop`: of numbers that a log
-    follows in steps, but for linear ones, where they had better be, seen from the plate near by, from which
-    it is applied as well. `follows`: it takes how the plate moves from the row before, which has to be much
-    nearer than tau: where it is not, each row would tell the next one. `steps`: (d,) over which the response
-    changes with its numbers, where it does so from row to row. `leaves`: (6,) standard deviations of theta
-    that it leaves open, where all driven logs have it as a given one does. `suits`: whether numbers are those
-    of the effect beside a plate of such a tau. `makes_sense`: whether numbers and their standard deviations
-    are those of the effect, where the plate's response would be `own` times the largest of the logs at the
-    most; unless stated, whether one that is linear is seen at all."""
+    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d)
+    from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their standard
+    deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and these. `scope`:
+    "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
+    may be either. `many`: a log may have more than one. `rough`: in which logs its law is not known well
+    enough for the errors that the fit states, so that it is named and not adopted. `another`: with it the
+    plant is not of first order, and G and tau are none of it. `afresh`: with it the plant of that log may be
+    far from what it seems without, and is looked for anew from each start. `stretched`: of one that changes
+    what was recorded, the log of by how much it stretches that. `linear`: numbers that the response follows
+    in proportion from zero, as far as a log has them, by which logs show it to first order, beside others at
+    each of its `places` (m, d); where none is, all that it does at a place. `known_as`: what else shows it to
+    first order (`verdict.terms`); with neither it has to be tried. `noise_like`: whether noise of a log looks
+    like such numbers. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
+    and of what that moves, where it may be there and hide. `stated`: what a log's metadata would have said of
+    it, by which rows are read in another way. `colour`: of noise that went through it, the correlation of
+    rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what all are.
+    `vague`: whether in such a log, with such numbers, it may look like anything, so that all others are tried
+    as well. `hop`: of numbers that a log follows in steps, but for linear ones, where they had better be,
+    seen from the plate near by. `settles`: it follows the plate that is fitted beside it, until both settle.
+    `steps`: (d,) over which the response changes with its numbers, where it does so from row to row.
+    `leaves`: (6,) standard deviations of theta that it leaves open, where all driven logs have it as a given
+    one does. `makes_sense`: whether numbers as they are fitted are those of the effect; unless stated,
+    whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -118,21 +137,19 @@ class Effect:
     unseen: Callable[[Trial, About], str] = lambda trial, about: ""
     colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None
     relative: bool = False
-    vague: Callable[[np.ndarray], bool] = lambda values: False
+    vague: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     hop: Callable[[Trial, About], np.ndarray] | None = None
     stated: Callable[[np.ndarray, About], dict[str, float]] | None = None
-    follows: bool = False
+    settles: bool = False
     steps: Callable[[Trial, About], np.ndarray] | None = None
-    suits: Callable[[Trial, np.ndarray, float], bool] = lambda trial, values, tau: True
     leaves: Callable[[Trial, np.ndarray], np.ndarray] = lambda trial, values: np.zeros(len(NAMES))
-    makes_sense: Callable[[np.ndarray, np.ndarray, float], bool] | None = None
+    makes_sense: Callable[[Trial, Fitted], bool] | None = None
 
-    def seen(self, values: np.ndarray, stds: np.ndarray, own: float = 1.0) -> bool:
-        """Whether numbers and their standard deviations are those of the effect beside such a plate."""
+    def sensible(self, trial: Trial, fitted: Fitted) -> bool:
+        """Whether numbers as they are fitted to a log are those of the effect."""
         if self.makes_sense is not None:
-            return self.makes_sense(values, stds, own)
-        some = [k for k in self.linear if k < len(values)] or list(range(len(values)))
-        return bool(np.max(np.abs(values[some]) / stds[some]) > SEEN)
+            return self.makes_sense(trial, fitted)
+        return fitted.seen(*(k for k in self.linear if k < len(fitted.values)))
 
 
 def always(trial: Trial) -> bool:
@@ -140,9 +157,16 @@ def always(trial: Trial) -> bool:
     return True
 
 
-def positive(values: np.ndarray, stds: np.ndarray, own: float) -> bool:
-    """Whether the first number is seen, and larger than zero."""
-    return bool(values[0] > SEEN * stds[0])
+def positive(trial: Trial, fitted: Fitted) -> bool:
+    """Whether the first number is larger than zero."""
+    return fitted.positive()
+
+
+def followed(trial: Trial, fitted: Fitted) -> bool:
+    """Whether the first number is seen, of what takes how the plate moves from the row before: that has to be
+    much nearer than tau, else, as inputs stand still, each row would tell the next one."""
+    still = not trial.steady and 2 * trial.changes < len(trial.log)
+    return fitted.seen(0) and not (still and trial.spacing > HELD * fitted.tau)
 
 
 def nowhere(trial: Trial, about: About) -> np.ndarray:
@@ -236,6 +260,17 @@ def moving(trial: Trial) -> bool:
 def lasted(trial: Trial) -> float:
     """s, from the first row to the last."""
     return float(trial.log.time[-1] - trial.log.time[0])
+
+
+def oscillating(time: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """(m,) rad/s of the largest peaks of the periodogram of what is left (n,), in either direction."""
+    from scipy.signal import find_peaks, lombscargle  # takes a third of a second to load
+
+    at = time - time[0]
+    rates = np.pi / (FINER * at[-1]) * np.arange(1, FINER * len(left) + 1)
+    power = sum(lombscargle(at, part, rates) for part in (left.real, left.imag) if np.any(part))
+    peaks = find_peaks(power)[0]
+    return rates[peaks[np.argsort(-power[peaks])][:PEAKS]]
 
 
 def beside(trial: Trial, values: np.ndarray, about: About, shape: np.ndarray) -> Trial:

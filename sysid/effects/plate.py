@@ -11,9 +11,10 @@ from sysid.effects.effect import (
     Effect,
     Told,
     always,
+    followed,
     lasted,
     nowhere,
-    positive,
+    oscillating,
     shifted,
     sweep,
     sweep_or_moving,
@@ -34,7 +35,6 @@ LEAST = 1e-6  # of a log: less is a plant of first order
 SLOW = 0.25  # of a log, which is then little more than a period
 SLOWER = 2.0 ** np.arange(-1, 3)  # of tau, the root of what the second derivative counts
 PHASES = (-1.0, 0.0, 1.0)  # rad, of a decay
-FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
 
 
 def _moves(trial: Trial, about: About) -> np.ndarray:
@@ -74,7 +74,8 @@ DUFFING = Effect(
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
     expected=True,
-    follows=True,
+    vague=lambda trial, values: not trial.steady,  # rows of a transient tell one another, whatever it is
+    makes_sense=followed,
 )
 
 
@@ -123,7 +124,8 @@ def _amplitude_damped(power: int) -> Effect:
         said=said,
         scope="plate",
         rough=lambda trial: not trial.steady,
-        follows=True,
+        vague=lambda trial, values: not trial.steady,
+        makes_sense=followed,
         # of long memory, where no phase turns; and friction seldom falls with the amplitude
         noise_like=lambda trial, values: values[0] < 0 and trial.noise.coloured and not _turns(trial),
     )
@@ -244,15 +246,10 @@ def _baseband(trial: Trial) -> bool:
 def _ringing(trial: Trial, about: About) -> np.ndarray:
     """(m, 2): times as shares of the log, 1/(2 pi f) at the largest peaks f of the periodogram of what the
     first order leaves, and about tau; and phases (rad) of the oscillation at the first row."""
-    from scipy.signal import find_peaks, lombscargle  # takes a third of a second to load
-
     course, whole = LogResponse.of(trial, about.reference, about.theta), lasted(trial)
     shapes = np.stack([course.forced.real, course.free.real, np.ones(len(trial.log))], axis=1)
     left = trial.log.response - shapes @ np.linalg.lstsq(shapes, trial.log.response, rcond=None)[0]
-    rates = np.pi / (FINER * whole) * np.arange(1, FINER * len(left) + 1)
-    power = lombscargle(trial.log.time - trial.log.time[0], left, rates)
-    peaks = find_peaks(power)[0]
-    largest = 1 / rates[peaks[np.argsort(-power[peaks])][:PEAKS]] / whole
+    largest = 1 / oscillating(trial.log.time, left) / whole
     if not trial.driven:
         return np.array([[x, phase] for x in largest for phase in PHASES])
     return np.array([[x, 0.0] for x in (*largest, *SLOWER * about.tau / whole)])
@@ -296,6 +293,7 @@ OVERSHOOT = Effect(
     another=True,
     afresh=lambda trial: not trial.driven,
     places=nowhere,
-    suits=lambda trial, values, tau: tau < 2 * values[0] * lasted(trial),  # else it is behind a filter
-    makes_sense=positive,
+    makes_sense=lambda trial, fitted: (  # more damped it is behind a filter
+        fitted.positive() and fitted.tau < 2 * fitted.values[0] * lasted(trial)
+    ),
 )

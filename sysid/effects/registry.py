@@ -1,6 +1,7 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
-from sysid.effects.beside import FEEDTHROUGH, SECOND_MODE, SECOND_POLE, SLOPE
+from sysid.effects.beside import FEEDTHROUGH, SLOPE, TONE_BESIDE
+from sysid.effects.blur import BLUR
 from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST, SCATTER
 from sysid.effects.drift import (
     F0_DRIFT,
@@ -12,6 +13,7 @@ from sysid.effects.drift import (
 )
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
+from sysid.effects.mode import SECOND_MODE, SECOND_POLE
 from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, CURVED, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.effects.stretch import STRETCH
@@ -44,6 +46,8 @@ EFFECTS: tuple[Effect, ...] = (
     SECOND_POLE,
     FEEDTHROUGH,
     SLOPE,
+    TONE_BESIDE,
+    BLUR,
     *OFFSET_DRIFTS,
     DWELL,
     PHASE_DELAY,

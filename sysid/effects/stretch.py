@@ -55,7 +55,7 @@ def _without(trial: Trial, values: np.ndarray, about: About) -> Trial:
     trial = replace(trial, there=there, noise=replace(trial.noise, kept=trial.noise.kept & there))
     if not (_begins_anew(trial) and np.any(values[2:])):
         return trial
-    course = LogResponse.of(trial, about.reference, about.theta)
+    course = LogResponse.of(trial, about.reference, about.near)
     behind = _decay(trial, course.pole)
     anew = np.append(np.zeros(last), np.exp(behind[last:] - behind[min(last, len(behind) - 1)]))
     more = about.top * (values[2] + 1j * values[3]) * anew
@@ -76,7 +76,7 @@ def _decay(trial: Trial, pole: np.ndarray) -> np.ndarray:
 def _stretched(trial: Trial, values: np.ndarray, about: About) -> float:
     """The log density of the rows that are left out, as the cost of a log counts it, and of the choice."""
     first, last = _rows(trial, values)
-    sums = _sums(trial, about.reference, tuple(about.theta.tolist()))
+    sums = _sums(trial, about.reference, tuple(about.near.tolist()))
     if not (inside := sums.used[last] - sums.used[first]):
         return -float(GUESSES)
     own, _ = sums.sides(np.array([[first, last]]))
@@ -203,7 +203,7 @@ def _pairs(begins: np.ndarray, ends: np.ndarray, rows: int) -> np.ndarray:
 def _likeliest(trial: Trial, about: About, most: int = STARTS) -> np.ndarray:
     """(m, 4) the likeliest stretches that differ, seen from a plate, in shares of the log, and the states
     behind them, in shares of the largest response: the best first."""
-    sums = _sums(trial, about.reference, tuple(about.theta.tolist()))
+    sums = _sums(trial, about.reference, tuple(about.near.tolist()))
     n = len(trial.log)
     places = np.unique(np.rint(np.linspace(0, n, EDGES + 1)).astype(int))
     apart = max(b - a for a, b in pairwise(places))
@@ -270,5 +270,5 @@ STRETCH = Effect(
     rough=always,
     linear=(2, 3),  # a state
     places=nowhere,
-    makes_sense=lambda values, stds, own: bool(values[1] > values[0]),
+    makes_sense=lambda trial, fitted: bool(fitted.values[1] > fitted.values[0]),
 )

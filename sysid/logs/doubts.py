@@ -136,8 +136,8 @@ def _refuse_oscillation(log: "Log") -> None:
 
 def _recorded(log: "Log") -> "Log":
     """With a warning where Wd or Wq is 0 in every row and the other is not: of one frequency the plate may be
-    in phase, or was simulated so; or where one shows less than the other's noise. Raises LogError of several
-    frequencies, at which no plate is in phase, and where one is the other once more, noise and all."""
+    in phase, or was simulated so. Raises LogError of several frequencies, at which no plate is in phase,
+    where one shows less than the other's noise, and where one is the other once more, noise and all."""
     if log.amplitude_only or len(log) < SOME or log.frequency is None:
         return log
     parts = {"wd": log.response.real, "wq": log.response.imag}
@@ -151,7 +151,7 @@ def _recorded(log: "Log") -> "Log":
     (name,), other = zero, "wq" if zero[0] == "wd" else "wd"
     shows = f"shows less than the noise of {other}" if parts[name].any() else "is 0 in every row"
     found = f"{name} {shows}, and {other} alone is no amplitude"
-    if np.ptp(log.frequency[log.response != 0]) > 0:
+    if parts[name].any() or np.ptp(log.frequency[log.response != 0]) > 0:
         raise LogError(f"{log.path or log.name}: found that {found}, expected both channels; {do}")
     return _warned(log, f"{found}: taken as of a plate whose phase does not turn; {do}")
 

@@ -87,13 +87,13 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
         tied = jnp.where(x.tied[2] > 0, x.tied[0] - at.k_T * x.tied[1], at.f0)
         theta = jnp.stack(at._replace(f0=tied))
     forced, rate, free = basis(theta, x.hold, layout)
+    gain = 1.0 if layout.own_gain else jnp.exp(Theta.of(theta).log_G)
+    forced = gain * forced + x.offset if layout.alongside else gain * forced
     if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
         forced = jnp.abs(forced)
-    gain = 1.0 if layout.own_gain else jnp.exp(Theta.of(theta).log_G)
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
     # time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
-    forced = gain * forced + x.offset if layout.alongside else gain * forced
     return jax.lax.optimization_barrier(
         Response(forced, -gain * x.lateness * rate, x.start_free * unit * free)
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect
+from sysid.effects.effect import About, Effect, Fitted
 from sysid.effects.number import Number
 from sysid.effects.registry import EFFECTS
 from sysid.trials.trial import Trial
@@ -116,7 +116,8 @@ class Place:
         if np.any(np.abs(value) > WITHIN):
             return True
         numbers, exact = self._with(self.values, value), EXACT * self.stds
-        sense = self.effect.seen(numbers, exact) if self.shown else bool(value[0] > 0)
+        fitted = Fitted(numbers, exact, self.about.tau)
+        sense = self.effect.sensible(self.trial, fitted) if self.shown else bool(value[0] > 0)
         return sense and not self.effect.noise_like(self.trial, numbers)
 
     def say(self, value: np.ndarray, std: np.ndarray) -> str | None:

@@ -103,7 +103,7 @@ class LinearisedLog:
         start, self.late = bench.start if trial.start_free else 0.0, bench.late
         late = -bench.late * (trial.lateness > 0)
         self.beside = start, late
-        self.plate = self.own * (c.forced + start * c.free + late * c.rate) + bench.offset + bench.moves
+        self.plate = self.own * (c.forced + start * c.free + late * c.rate + bench.moves) + bench.offset
         size = float(np.abs(c.free[0])) if trial.begun else 1.0  # as the log records it
         shape, wide = c.free / size, size * trial.started * loose
         columns = [
@@ -119,7 +119,7 @@ class LinearisedLog:
         columns += [Column("late", -c.rate, trial.lateness, bench.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
-            columns.append(Column("gain", np.abs(c.forced), loose, self.own))
+            columns.append(Column("gain", np.abs(c.forced + bench.moves), loose, self.own))
         if not trial.steady:
             return [*columns, Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, bench.floor)]
         return columns if bench.under is None else [*columns, self._floor(bench.under)]
@@ -133,7 +133,7 @@ class LinearisedLog:
     def _in_dq(self) -> list[Column]:
         """What the bench may add to Wd and Wq."""
         trial, c, loose = self.trial, self.course, self.trial.looseness
-        forced = self.turn * (self.own * c.forced + trial.bench.moves)
+        forced = self.turn * self.own * (c.forced + trial.bench.moves)
         shapes = dict(zip(trial.shapes, trial.columns.astype(complex), strict=True))
         shapes |= {"start": c.free} if trial.start_free else {}
         # In the plate's own frame: its real part is how late the response is.
@@ -197,8 +197,8 @@ class LinearisedLog:
         moved = trial.inputs is not self.trial.inputs or trial.bench.filter is not self.trial.bench.filter
         course = LogResponse.of(trial, self.reference, self.course.theta) if moved else self.course
         start, late = self.beside
-        plate = self.own * (course.forced + start * course.free + late * course.rate) + trial.bench.moves
-        return self.observed(plate[None])[0] - trial.log.response
+        plate = course.forced + start * course.free + late * course.rate + trial.bench.moves
+        return self.observed(self.own * plate[None])[0] - trial.log.response
 
     def weighted(self, columns: list[Column]) -> np.ndarray:
         """Columns as real, weighted rows, with a row for each one's prior."""
