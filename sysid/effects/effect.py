@@ -180,7 +180,7 @@ def plain(trial: Trial, std: float) -> Trial:
     noise = replace(trial.noise, spread=spread, tail=None, kept=trial.there, efficiency=1.0)
     levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
     trial = replace(trial, noise=replace(noise, jitter=None))
-    if trial.bench.under is not None:  # by which noise as large as what is left would lift amplitudes
+    if trial.bench.under is not None and trial.driven:  # noise as large as what is left would lift amplitudes
         narrow = {name: wide for name, wide in trial.bench.narrow.items() if name != "floor"}
         trial = trial.with_bench(under=None, narrow=narrow, floor=0.0)
     return with_noise(trial, std, 0.0, levels)

@@ -89,8 +89,8 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
     forced, rate, free = basis(theta, x.hold, layout)
     gain = 1.0 if layout.own_gain else jnp.exp(Theta.of(theta).log_G)
     forced = gain * forced + x.offset if layout.alongside else gain * forced
-    if layout.own_gain and layout.amplitude:  # the shape |h| is all there is
-        forced = jnp.abs(forced)
+    if layout.own_gain and layout.amplitude:  # the size is all there is, beside a floor whose power adds
+        forced = jnp.sqrt(jnp.abs(forced) ** 2 + x.floor)
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
     # time.
     unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0

@@ -82,17 +82,18 @@ FEW = 16  # intervals: a step, a ring-down, a staircase of the drive
 
 
 def _experiment(
-    trial: Trial, hold: Hold, size: tuple[int, int], low_q: bool, swept: bool
+    trial: Trial, hold: Hold, shape: tuple[int, int], low_q: bool, swept: bool
 ) -> tuple[Layout, Experiment]:
-    (rows, intervals), noise, keep = size, trial.noise, trial.noise.order
+    (rows, intervals), noise, keep = shape, trial.noise, trial.noise.order
     amplitude = not trial.signed
     own_gain = trial.steady and trial.log.drive is None
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
     late = not trial.steady
     both, order = moving and low_q and not carrier, trial.smoothing[1]
-    apart, toward = bool(noise.levels), trial.bench.turn / (abs(trial.bench.turn) or 1.0)
-    extra = [_pad(shape[keep], rows) for shape in trial.extra_columns.values()]
+    size = abs(trial.bench.turn) or 1.0
+    apart, toward = bool(noise.levels), trial.bench.turn / size
+    extra = [_pad(x[keep], rows) for x in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude) or bool(extra)
     flags = (
         amplitude,
@@ -125,7 +126,7 @@ def _experiment(
         lateness=np.asarray(trial.lateness / trial.looseness),
         toward=np.asarray(toward * np.array([1, 1j * trial.sideways])),
         start=np.asarray(complex(trial.bench.start) / trial.started),
-        floor=np.asarray(trial.lift),
+        floor=np.asarray(max(trial.lift, trial.bench.floor) / (size**2 if trial.undriven_sweep else 1.0)),
         late=np.asarray(trial.bench.late * trial.looseness / (trial.lateness or 1.0)),
         offset=np.asarray(complex(trial.bench.offset))
         if trial.bench.alongside is None

@@ -246,30 +246,33 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
     return q / d if worth and 1 / MOST_APART < q / d < MOST_APART else 1.0
 
 
-def proportional(residual: np.ndarray, size: np.ndarray, least: np.ndarray, known: bool) -> float:
+def proportional(
+    residual: np.ndarray, size: np.ndarray, least: np.ndarray, known: bool, usual: float = 0.0
+) -> float:
     """Share of the noise's variance, at the largest response, that is proportional to the response. The noise
     is `least` (n,) times one level and `size` (n,), the response over its largest, times another; the share
-    is the likeliest of SHARES. It is 0.0, unless the noise is `known` to be proportional, where a level of
-    its own is not worth its cost beside outliers, or where neighbours share what is left, as they do for a
-    wrong model at a peak."""
+    is the likeliest of SHARES. It is the `usual` one of them, unless the noise is `known` to be proportional,
+    where a level of its own is not worth its cost beside outliers, or where neighbours share what is left, as
+    they do for a wrong model at a peak."""
     n, channels = len(residual), 2 if np.iscomplexobj(residual) else 1
     square = np.abs(residual) ** 2
     if n < 20 or not np.any(square):
-        return SHARES[-1] if known else 0.0
+        return SHARES[-1] if known else usual
     spread = np.sqrt((1 - SHARES[:, None]) * least**2 + SHARES[:, None] * size**2)
     cost = channels * (0.5 * n * np.log(np.mean(square / spread**2, axis=1)) + np.sum(np.log(spread), axis=1))
     best = int(np.argmin(cost))
     if known:
         return float(SHARES[best])
-    if cost[0] - cost[best] < ODD:
-        return 0.0
+    without = int(np.searchsorted(SHARES, usual))
+    if cost[without] - cost[best] < ODD:
+        return usual
     robust = [
         _likeliest(square / spread[k] ** 2, channels)[0] + channels * np.sum(np.log(spread[k]))
-        for k in (0, best)
+        for k in (without, best)
     ]
     left = residual / spread[best]
     shared = np.sum((left[1:] * left[:-1].conj()).real) / np.sum(np.abs(left) ** 2) * np.sqrt(n * channels)
-    return float(SHARES[best]) if robust[0] - robust[1] > ODD and shared < ALONE else 0.0
+    return float(SHARES[best]) if robust[0] - robust[1] > ODD and shared < ALONE else usual
 
 
 def scatter_of_stamps(residual: np.ndarray, rate: np.ndarray, longest: float) -> float:

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from sysid.model import rice
 from sysid.model.plant import Response, respond, steady
 from sysid.model.theta import Theta
 from sysid.rows.hold import Hold, cut, read_at
@@ -204,7 +203,8 @@ class LogResponse:
         if trial.signed:
             return np.stack([*shapes, *trial.columns.astype(complex)], axis=1)
         shapes += [np.ones(len(self.forced))] if trial.bench.standing else []
-        towards = rice.towards(self.plate, trial.lift)
+        own = abs(trial.bench.turn) if trial.undriven_sweep else 1.0
+        towards = trial.towards(own * self.plate)
         made = [towards * s * turn for s in shapes for turn in (1, 1j)]
         # What is turned by a right angle from the response adds nothing but rounding, which is no shape.
         return np.stack([v.real * (np.max(np.abs(v.real)) > LEAST * np.max(np.abs(v))) for v in made], axis=1)

@@ -35,13 +35,14 @@ def update(
             models[i] = trials[i].completed(driven)
             turn = complex(detail.turn[k])
             start = trials[i].started * complex(detail.start[k]) / (turn or 1.0)
-            floor, late = float(detail.floor[k]), float(detail.late[k])
+            own = abs(turn) if trials[i].undriven_sweep else 1.0
+            floor, late = float(detail.floor[k]) * own**2, float(detail.late[k])
             offset = complex(detail.offset[k]) if trials[i].bench.alongside is None else 0.0
             new = _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_, white)
             new = new.with_bench(turn=turn, fed=models[i] - driven if new.signed else 0.0)
             new = (
                 renewed(new, courses[i], np.asarray(detail.extra[k]))
-                .floored(driven, models[i])
+                .floored(driven, models[i], floor)
                 .lifted(courses[i].plate)
             )
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.model import rice
 from sysid.model.span import times
 from sysid.trials.noise import (
+    SHARES,
     WORTH,
     Level,
     apart,
@@ -131,7 +132,9 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
     left = (trial.residual(model) * np.sqrt(trial.noise.count))[there]
     if trial.steps and np.std(left) < COARSE * np.linalg.norm(trial.steps):
         return 0.0  # at rest there is less of rounding than of noise
-    return proportional(left, size[there], least[there], known)
+    # a mean of periodograms scatters as it is large
+    usual = float(SHARES[-1]) if trial.undriven_sweep else 0.0
+    return proportional(left, size[there], least[there], known, usual)
 
 
 class _Residual(NamedTuple):

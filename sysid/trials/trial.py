@@ -311,18 +311,26 @@ class Trial(Record):
         narrow = self.bench.narrow | {"floor": self.lift * error * float(np.max(under))}
         return self.with_bench(under=under, narrow=narrow)
 
-    def floored(self, plate: np.ndarray, model: np.ndarray) -> "Trial":
-        """An undriven sweep with the floor that it shows; `plate` (n,) are the plate's modelled rows, `model`
-        (n,) all of it.
+    def floored(self, before: np.ndarray, model: np.ndarray, floor: float) -> "Trial":
+        """An undriven sweep with the floor that it shows; `before` (n,) are the modelled rows of the plate
+        and a `floor`, `model` (n,) what more of that makes of them.
 
-        A floor is noise of a sensor, whose power adds to the plate's. With w^2 = |W|^2 + floor, the rise w -
-        |W| is the floor times a shape that depends on the floor: the one found before is used.
+        A floor is noise of a sensor, whose power adds to the plate's: w^2 = |W|^2 + floor, of which a change
+        is linear in the floor, by 1/(2 w).
         """
         if not self.undriven_sweep or "background" not in self.nuisances:
             return self
-        size, before = np.abs(plate), self.bench.under
-        floor = 0.0 if before is None else float((model.real - size) @ before / (before @ before))
-        return self.with_bench(floor=floor, under=1 / (np.sqrt(size**2 + max(floor, self.lift)) + size))
+        power, under = np.abs(before) ** 2 - floor, self.bench.under
+        if under is not None:
+            floor += float((model.real - np.abs(before)) @ under / (under @ under))
+        floor = max(floor, 0.0)
+        return self.with_bench(floor=floor, under=0.5 / np.sqrt(power + max(floor, self.lift)))
+
+    def towards(self, plate: np.ndarray) -> np.ndarray:
+        """(n,) of which the real part, times a change of the plate's response (n,), is an amplitude's."""
+        if self.undriven_sweep:
+            return plate.conj() / np.sqrt(np.abs(plate) ** 2 + self.bench.floor)
+        return rice.towards(plate, self.lift)
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""

@@ -119,14 +119,17 @@ class LinearisedLog:
         columns += [Column("late", -c.rate, trial.lateness, bench.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
         if trial.log.drive is None:
-            columns.append(Column("gain", np.abs(c.forced + bench.moves), loose, self.own))
+            columns.append(Column("gain", self.observed(c.forced + bench.moves), loose, self.own))
         if not trial.steady:
             return [*columns, Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, bench.floor)]
         return columns if bench.under is None else [*columns, self._floor(bench.under)]
 
     def _floor(self, under: np.ndarray) -> Column:
         """Of a sweep: what is fitted of a rise of the amplitudes that is `under` (n,) of a floor."""
-        without = np.abs(self.plate) if self.trial.undriven_sweep else rice.mean(self.plate, self.trial.lift)
+        if self.trial.undriven_sweep:
+            without = np.sqrt(np.abs(self.plate) ** 2 + self.trial.bench.floor)
+        else:
+            without = rice.mean(self.plate, self.trial.lift)
         prior = self.trial.prior("floor") / float(np.max(under))
         return Column("floor", under, prior, float((self.model - without) @ under / (under @ under)))
 
@@ -178,7 +181,7 @@ class LinearisedLog:
         """(m, n) shapes of the plate's part as the log records them."""
         if self.trial.signed:
             return self.turn * shapes
-        return (rice.towards(self.plate, self.trial.lift) * shapes).real
+        return (self.trial.towards(self.plate) * shapes).real
 
     @cached_property
     def ideal(self) -> Trial:
