@@ -7,6 +7,7 @@ beside what they gain as two. That asks for less than an effect that would expla
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +23,36 @@ from sysid.verdict.recorder import clipped, touched
 
 APART = 5.0  # standard deviations by which logs have to contradict the others: once in a million
 ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
+SAME = 6.0  # of chi^2: odds of twenty to one
 UNKNOWN = 1e150  # standard deviations of what a log says nothing of, whose weight is still a number
 DIFFER = ("G", "tau", "f0")  # of which G and tau as logarithms
 
-Told = Mapping[str, tuple[np.ndarray, np.ndarray]]  # by name, values (n,) and standard deviations
+
+class Told(NamedTuple):
+    """What each log, fitted alone, tells of a parameter, less what all tell of it together there: values (n,)
+    and standard deviations; they follow columns (n, K) if no log is odd."""
+
+    values: np.ndarray
+    errors: np.ndarray
+    columns: np.ndarray
+
+    def scatter(self, odd: Sequence[int] = ()) -> float:
+        """chi^2 about these columns, and about an offset that the odd logs share."""
+        shared = np.isin(np.arange(len(self.values)), odd)[:, None] * 1.0
+        rows = np.hstack([self.columns, shared]) / self.errors[:, None]
+        target = self.values / self.errors
+        return float(np.sum((target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]) ** 2))
+
+    def cut(self) -> tuple[float, list[int]]:
+        """The odd logs, a single one or the smaller of two groups by their values: the fewest of those beside
+        which all scatter hardly more than least, and of these the farthest off; by how much less than without
+        them."""
+        order, n = np.argsort(self.values), len(self.values)
+        groups = [min(order[:k], order[k:], key=len) for k in range(1, n)]
+        left = {x: self.scatter(x) for x in [(k,) for k in range(n)] + [tuple(np.sort(x)) for x in groups]}
+        likely = [x for x in left if left[x] <= min(left.values()) + SAME]
+        best = min(likely, key=lambda x: (len(x), -np.max(np.abs(self.values / self.errors)[list(x)])))
+        return self.scatter() - left[best], list(map(int, best))
 
 
 def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> Finding | None:
@@ -34,7 +61,7 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
     each = [_alone(minimiser, (t,), together) for t in trials] if len(trials) > 2 else []
-    told = _told(minimiser, each, together) if each else {}
+    told = _told(minimiser, trials, each, together) if each else {}
     for odd in _splits(trials, together, told):
         parts = [[k for k in range(len(trials)) if (k in odd) is own] for own in (True, False)]
         alone, rest = (_alone(minimiser, tuple(trials[k] for k in part), together) for part in parts)
@@ -64,41 +91,27 @@ def _found(trials: Sequence[Trial], said: str) -> Finding:
     return Finding("odd", "refused", said.format(", ".join(names)), names)
 
 
-def _told(minimiser: Minimiser, each: Sequence[State], together: State) -> Told:
-    """What each log, fitted alone, tells of the parameters, less what all tell of them together there."""
-    warm = [_warmth(minimiser, s.trials) for s in each]
-    found = {}
+def _told(
+    minimiser: Minimiser, trials: Sequence[Trial], each: Sequence[State], together: State
+) -> dict[str, Told]:
+    """By name of a parameter. The resonance is free to follow the temperature."""
+    warm, found = np.array([_warmth(minimiser, (t,)) for t in trials]), {}
     for name in (n for n in DIFFER if n in minimiser.free):
         values, errors = np.array([_apart(s, together, name, w) for s, w in zip(each, warm, strict=True)]).T
-        found[name] = values, errors
+        follows = name == "f0" and "k_T" in minimiser.free
+        found[name] = Told(values, errors, np.stack([np.ones(len(warm)), follows * warm], axis=1))
     return found
 
 
-def _splits(trials: Sequence[Trial], together: State, told: Told) -> list[list[int]]:
+def _splits(trials: Sequence[Trial], together: State, told: Mapping[str, Told]) -> list[list[int]]:
     """The logs that may be odd: the smaller of two groups by what each tells alone, and the one that the fit
     of all leaves most of. Of two either may be."""
     left = int(np.argmax([_left(t, m) for t, m in zip(together.trials, together.models, strict=True)]))
     if len(trials) == 2:
         known = [was_read(t.log) for t in trials]
         return [[known.index(False) if sum(known) == 1 else left]]
-    _, fewest = max(_cut(*each) for each in told.values())
+    _, fewest = max(x.cut() for x in told.values())
     return [fewest] if fewest == [left] else [fewest, [left]]
-
-
-def _cut(values: np.ndarray, errors: np.ndarray) -> tuple[float, list[int]]:
-    """Values (n,) in the two groups that scatter least: by how much less than all together, and the smaller
-    one."""
-    order = np.argsort(values)
-    cuts = [(order[:k], order[k:]) for k in range(1, len(order))]
-    left = [sum(_scatter(values[x], errors[x]) for x in cut) for cut in cuts]
-    best = cuts[int(np.argmin(left))]
-    return _scatter(values, errors) - min(left), sorted(min(best, key=len).tolist())
-
-
-def _scatter(values: np.ndarray, errors: np.ndarray) -> float:
-    """chi^2 of values (n,) about their mean."""
-    mean = np.average(values, weights=errors**-2.0)
-    return float(np.sum(((values - mean) / errors) ** 2))
 
 
 def _contradiction(
@@ -133,11 +146,11 @@ def _touch(apart: dict[str, tuple[float, float]]) -> float:
     return float(-np.sum(values / errors**2) / np.sum(errors**-2.0))
 
 
-def _scattered(told: Told, trials: Sequence[Trial], k_T: float) -> str | None:
+def _scattered(told: Mapping[str, Told], trials: Sequence[Trial], k_T: float) -> str | None:
     """Of logs of which each tells another value of a parameter; None where that may be chance."""
-    name = max(told, key=lambda n: _scatter(*told[n]))
-    (values, errors), hertz = told[name], name == "f0"
-    if _scatter(values, errors) < APART**2 * (len(values) - 1):
+    name = max(told, key=lambda n: told[n].scatter())
+    (values, errors, _), hertz = told[name], name == "f0"
+    if told[name].scatter() < APART**2 * (len(values) - 1):
         return None
     by, error = (x if hertz else 100 * x for x in (np.std(values, ddof=1), np.median(errors)))
     what, unit = ("the resonance", "Hz") if hertz else (name, "%")
