@@ -20,7 +20,7 @@ from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target, bounded
 from sysid.precision import float64, one_thread
 from sysid.shown import Shown
-from sysid.verdict.determined import parameter, usable
+from sysid.verdict.determined import enough, parameter
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter, Result
 
@@ -352,4 +352,4 @@ def _judged(fit: Fit, result: Result, estimates: dict[str, Estimate]) -> Result:
     if result is not Result.successful:
         return result
     known = {n: parameter(fit, n, e.value, e.std, (e.low, e.high)) for n, e in estimates.items()}
-    return result if usable(fit.parameters | known, fit.modes[0].trials) else Result.undetermined
+    return result if enough(fit.parameters | known, fit.modes[0].trials) else Result.undetermined
