@@ -410,7 +410,7 @@ def test_rows_below_a_preamble_are_as_strict(save):
     refused(save(text + "0.3,5,1,0\n"), "line 6", "found 4 columns", "expected 5")
     refused(save(text + "END\n" + ROWS), "line 6", "found 1 columns")
     refused(save(text + "0.3,5,1,0,0,7\nEND\n"), "line 6", "found 6 columns")
-    refused(save(HEADER + ROWS + "END\n"), "line 5", "found 1 columns")  # without a preamble nothing ends
+    refused(save(HEADER + ROWS + "END\n" + ROWS), "line 5", "found 1 columns")
     refused(save("a,b,c\n" * 200 + HEADER + ROWS), "no response")
 
 
