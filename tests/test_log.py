@@ -612,11 +612,13 @@ def test_a_line_that_is_nearly_metadata_is_a_warning(save, line, expected):
     [
         ("Frequency: 32300", "frequency_Hz"), ("freq: 32.3 kHz", "frequency_kHz"), ("f_Hz: 32300", "frequency_Hz"),
         ("frequncy_kHz: 32.3", "frequency_kHz"), ("voltage: 5", "voltage_V"), ("voltage: 5 Vpp", "voltage_V_pp"),
-        ("U_mV: 5", "voltage_mV"), ("voltage_V = 5 V", None),
+        ("U_mV: 5", "voltage_mV"), ("voltage_V = 5 volt, at most", None),
     ],
 )  # fmt: skip
 def test_an_input_that_is_nearly_stated_is_a_warning_where_the_log_lacks_it(save, line, expected):
-    said = f"; did you mean {expected!r}?" if expected else ": found '5 V', expected a finite number"
+    said = (
+        f"; did you mean {expected!r}?" if expected else ": found '5 volt, at most', expected a finite number"
+    )
     key = re.split(" *[:=]", line)[0]
     assert read_one(save(f"# {line}\ntime_s,w_um\n0,1\n")).warnings == (
         f"log.csv: metadata {key!r} is not used{said}",

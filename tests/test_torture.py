@@ -238,7 +238,7 @@ REFUSED = {
     "frequency below zero": ("frequency_Hz,w_um\n1,1\n-2,1\n", "line 3"),
     "per cent called a share": ("time_s,duty,w_um\n0,25,1\n1,50,2\n", "duty [%]"),
     "metadata that overflows": ("# temperature_degC: 1e400\n" + PAIR, "'1e400'"),
-    "metadata with its unit": ("# voltage_V: 5 V\n" + PAIR, "'5 V'"),
+    "metadata with another unit": ("# voltage_V: 5 m\n" + PAIR, "'5 m'"),
     "metadata twice": ("# force_N: 1\n# force_N: 2\n" + PAIR, "twice"),
     "metadata twice in capitals": ("# lockin_tau_s: 1\n# Lockin_tau_s: 2\n" + PAIR, "twice"),
     "two plates": ("# plate: A7\n# plate: B2\n" + PAIR, "twice"),

@@ -29,7 +29,7 @@ from sysid.logs.timed import timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
 from sysid.tables import units
-from sysid.tables.cells import decimals, listed
+from sysid.tables.cells import decimals, listed, to_number
 from sysid.tables.csvbody import Body, read_body
 from sysid.tables.csvfile import Head, LogError, called
 from sysid.tables.densities import amplitude_of, is_decibel
@@ -251,14 +251,14 @@ def _values(
 def _temperature_digit(head: Head, source: Source, body: Body) -> float:
     """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as
     numbers show it."""
+    mark, places = str(head.dialect.decimal), range(DIGITS)
     if source.column is None:
-        texts, numbers = [source.written], np.array([source.constant])
+        texts, numbers = [source.written], np.array([to_number(source.written, mark)])
     else:
         texts, numbers = (
             [row[source.column] for row in head.sample if source.column < len(row)],
             body.numbers[source.column],
         )
-    mark, places = str(head.dialect.decimal), range(DIGITS)
     written = max(decimals(text, mark) for text in texts)
     numbers = np.unique(numbers[np.isfinite(numbers)])
     shown = next(
@@ -284,7 +284,7 @@ def _drive(
     duty = _internal("duty", *arrays.pop("duty"))
     if (text := stated(plan.metadata, "volts_per_duty")) is None:
         return duty, "duty"
-    return duty * metadata_number(head, "volts_per_duty", text), "V"
+    return duty * metadata_number(head, "volts_per_duty", text, units.Name("voltage", "V", "peak")), "V"
 
 
 def _response(

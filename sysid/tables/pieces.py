@@ -115,9 +115,9 @@ def without_remarks(
 def without_end(
     blocks: Iterator[bytes], rows: Rows, ends: bool, line: int, remarks: list[tuple[int, str]]
 ) -> Iterator[bytes]:
-    """The blocks, which begin at line `line`, without what is no row below the last one: delimiters and blanks
-    alone, the END that a preamble began (`ends`), and lines without a number that are not as wide as rows,
-    which are put into `remarks`."""
+    """The blocks, which begin at line `line`, without what is no row below the last one: delimiters and
+    blanks alone, the END that a preamble began (`ends`), and words that are not as wide as rows, which are
+    put into `remarks`."""
     held = b""  # until a row follows: only the file's end tells which is the last
     for block in blocks:
         held += block
