@@ -19,7 +19,7 @@ kept
 precision
 shell
 shown
-tables     densities units textfile cells scattered stamps pieces preamble axis sheet layout csvfile csvbody joined compound store
+tables     densities units textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound store
            hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
 columns    preset plan signal mapping mapfile labels factors survey roles draft found metadata unknown synonyms header

@@ -15,6 +15,7 @@ from sysid.fleet import many
 from sysid.logs.alike import Alike
 from sysid.logs.log import Log
 from sysid.logs.opening import expanded, opened
+from sysid.tables.prose import is_prose
 from sysid.tables.textfile import LogError
 
 PLATE, FOLDER = "plate", "folder"  # ways of `by`; any other is a pattern
@@ -23,6 +24,7 @@ TEXT, BINARY = (
     "csv|tsv|txt|dat|asc|jsonl|ndjson|uff|unv|s\\d+p|ts",
     "h5|hdf5|mat|parquet|feather|arrow|wav|tdms",
 )
+NOTES = r"\.(txt|dat|asc)(\.(gz|bz2|xz))?$"  # of logs, and of notes on them as well
 ENDINGS = rf"\.({TEXT}|{BINARY})(\.(gz|bz2|xz))?$"
 Given = str | Path | Log
 alike = Alike()  # the heads of files that this process has met
@@ -40,12 +42,17 @@ class Group:
 
 
 def grouped(
-    groups: Any, by: str, mapping: MappingFile | None = None, beside: Path | None = None
+    groups: Any,
+    by: str,
+    mapping: MappingFile | None = None,
+    beside: Path | None = None,
+    aside: list[str] | None = None,
 ) -> list[Group]:
     """The plates of `groups`: a mapping from a plate's name to its logs; a sequence of such logs, each of one
     plate; or one sequence of files, folders and Logs, parted `by` what they state.
 
-    `beside`: a folder of results, whose files are no logs. Raises LogError where there is nothing to fit, or
+    `beside`: a folder of results, whose files are no logs; `aside` gets the files of folders that hold no
+    table. Raises LogError where there is nothing to fit, or
     two plates have one name, ValueError for a `by` that is none.
     """
     if isinstance(groups, Mapping):
@@ -54,7 +61,7 @@ def grouped(
     if not given:
         raise LogError("found no logs, expected at least one file")
     if all(isinstance(item, Given) for item in given):
-        return parted(given, by, mapping, beside)
+        return parted(given, by, mapping, beside, [] if aside is None else aside)
     if any(isinstance(item, Given) for item in given):
         raise LogError("found logs beside groups of logs, expected either")
     return _distinct([_named(_several(logs), k) for k, logs in enumerate(given)])
@@ -77,14 +84,16 @@ def _distinct(groups: list[Group]) -> list[Group]:
     return groups
 
 
-def parted(given: Sequence[Given], by: str, mapping: MappingFile | None, beside: Path | None) -> list[Group]:
-    """Files, folders and Logs as plates, in the order of their first log."""
+def parted(
+    given: Sequence[Given], by: str, mapping: MappingFile | None, beside: Path | None, aside: list[str]
+) -> list[Group]:
+    """Files, folders and Logs as plates, in the order of their first log; `aside` gets what is no log."""
     sure = pattern(by) if by not in (PLATE, FOLDER) else None
     found: dict[str, list[Given]] = {}
     refused: list[Group] = []
     nameless: list[Given] = []
     strange: list[Given] = []
-    for item, root in _files(given, beside):
+    for item, root in _files(given, beside, aside):
         try:
             for name, logs, why in _plates(item, root if len(given) == 1 else None, by, sure, mapping):
                 if why:
@@ -116,9 +125,11 @@ def pattern(text: str) -> re.Pattern[str]:
     return found
 
 
-def _files(given: Iterable[Given], beside: Path | None) -> Iterable[tuple[Given, Path | None]]:
+def _files(
+    given: Iterable[Given], beside: Path | None, aside: list[str]
+) -> Iterable[tuple[Given, Path | None]]:
     """Each log once, with the folder that it was found in, if one was given; a folder's in the order of their
-    names."""
+    names. `aside` gets those of a folder that are prose."""
     known: set[str] = set()
     for item in given:
         if isinstance(item, Log):
@@ -127,6 +138,11 @@ def _files(given: Iterable[Given], beside: Path | None) -> Iterable[tuple[Given,
         for path in expanded([item]):
             root = Path(path) if os.path.isdir(path) else None
             files = [path] if root is None else within(root, beside)
+            notes = {
+                file for file in files if root and re.search(NOTES, file, re.IGNORECASE) and is_prose(file)
+            }
+            aside += sorted(notes)
+            files = [file for file in files if file not in notes]
             if not files:
                 raise LogError(f"{path}: found no logs in this folder, expected files such as *.csv")
             for file in files:
