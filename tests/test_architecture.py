@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[1]
 # What stands above may be imported: folders and modules from the top, and the modules of a folder from its
 # left.
 HOUSE = """
+asked
 kept
 precision
 shell

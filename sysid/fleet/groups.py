@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sysid import asked
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import stated
 from sysid.fleet import many
@@ -68,7 +69,10 @@ def grouped(
 
 
 def _several(logs: Any) -> tuple:
-    return (logs,) if isinstance(logs, Given) else tuple(logs)
+    if isinstance(logs, Given):
+        return (logs,)
+    asked.given("logs", logs, Iterable, "files, folders or Logs, or a mapping from plates to these")
+    return tuple(logs)
 
 
 def _named(logs: tuple[Given, ...], number: int) -> Group:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.asked import number
 from sysid.fleet.engine import Dask, Engine, Here, Processes
 from sysid.fleet.groups import PLATE, Group, grouped
 from sysid.fleet.parts import Parts
@@ -123,7 +124,7 @@ def _check(nuisances: Sequence[str]) -> None:
 def _engine(jobs: int | None, scheduler: str | None, plates: int) -> Engine:
     if scheduler is not None:
         return Dask(scheduler)
-    if jobs is not None and jobs < 0:
+    if jobs is not None and number("jobs", jobs) < 0:
         raise ValueError(f"found {jobs} jobs, expected 0 or more")
     jobs = cores() if jobs is None else jobs
     return Processes(min(jobs, plates)) if jobs else Here()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.asked import FIT, given, number
 from sysid.posterior.accuracy import Rung, above, up_to
 from sysid.posterior.circuit import Circuit, circuit
 from sysid.posterior.diagnostics import Convergence, ess, rhat
@@ -196,7 +197,8 @@ def sample(
     `starting`: seconds to allow for loading emcee where the program has not done it. A parameter about which
     the logs say nothing is held where the fit left it. The same seed and accuracy give the same draws.
     """
-    until = np.inf if budget is None else perf_counter() + budget
+    given("fit", fit, Fit, FIT)
+    until = np.inf if budget is None else perf_counter() + number("budget", budget)
     first, *higher = up_to(accuracy or ("standard" if budget is None else "exact"))
     begun = perf_counter()
     target = Target(fit, seed=seed)
