@@ -114,7 +114,10 @@ def add_source(head: Head, sources: dict[str, Source], label: str, source: Sourc
     same = units.DRIVES if name.quantity in units.DRIVES else (name.quantity,)
     if double := next((sources[quantity] for quantity in same if quantity in sources), None):
         what = "the drive" if name.quantity in units.DRIVES else name.quantity
-        raise LogError(f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once")
+        own = "; a mapping file (--columns) can name the column to read, by its place from 0 on"
+        raise LogError(
+            f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once{own}"
+        )
     sources[name.quantity] = dataclasses.replace(source, unit=unit, amplitude=name.amplitude, dated=dated)
     return True
 

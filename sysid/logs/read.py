@@ -12,6 +12,7 @@ from sysid.columns.header import INPUTS, counted, planned, table_plan
 from sysid.columns.mapfile import load_mapping
 from sysid.columns.mapping import MappingFile, select_rows
 from sysid.columns.metadata import metadata_number, stated
+from sysid.columns.owntimes import at_one_time
 from sysid.columns.plan import ERRORS, Plan, Source
 from sysid.columns.signal import decode, is_analysed, lock_in, turned
 from sysid.columns.unknown import not_understood
@@ -80,7 +81,7 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
 
 def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
     """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
-    head, mapping, plan = planned(head, mapping)
+    head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))
     return head, mapping, *parted(head, plan, body, wanted, _dated(plan))
