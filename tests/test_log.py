@@ -153,16 +153,52 @@ def test_a_column_that_changes_where_time_begins_anew_tells_logs_apart(save, nam
 @pytest.mark.parametrize(
     "columns",
     [
-        {},
         {"cycle": lambda run, row: 2 * run + row // 2},  # changes where the time goes on as well
         {"cycle": lambda run, row: run % 2},  # two runs of one value
         {"cycle": lambda run, row: 7},
-        {"n": lambda run, row: 4 * run + row},  # which numbers the rows
     ],
 )
 def test_a_column_that_may_tell_logs_apart_is_named(save, columns):
+    columns |= {"n": lambda run, row: 4 * run + row}  # which numbers the rows
     error = str(refused(save(repeats(3, **columns)), "line 6", "'time_s'", "'-1'", "a column `log`"))
-    assert ('split_by = "cycle"' in error) == ("cycle" in columns) and '"n"' not in error
+    assert 'split_by = "cycle"' in error and '"n"' not in error
+
+
+@pytest.mark.parametrize("columns", [{}, {"n": lambda run, row: 4 * run + row}])
+def test_a_time_that_begins_again_at_the_same_tells_logs_apart(save, columns):
+    """A clock that was started anew with its record; one that only goes back is another's, or was set."""
+    logs = read_logs(save(repeats(3, **columns)))
+    assert [log.name for log in logs] == ["log.csv[1]", "log.csv[2]", "log.csv[3]"]
+    for run, log in enumerate(logs):
+        assert log.time.tolist() == [-1.0, 0.0, 1.0, 2.0]
+        assert log.response.tolist() == [10 * run + row for row in range(4)]
+        assert "its time begins anew 2 times: read as 3 logs" in log.notes
+    later = repeats(1, 10).splitlines() + [f"{time},5,{time}" for time in range(2, 9)]  # which began at 2 s
+    refused(save("\n".join(later) + "\n"), "line 12", "not below the one before")
+
+
+def newest_first(save, text, name):
+    header, *rows = text.splitlines()
+    return save("\n".join([header, *reversed(rows)]) + "\n", name)
+
+
+def test_rows_that_stand_newest_first_are_turned(save):
+    """As the same file in the order of time, also where a cell is empty or rows are of two experiments."""
+    rows = [f"{k / 10},{5 * (k > 4)},{k if k != 3 else ''},{k * k}" for k in range(30)]
+    text = "time_s,voltage_V,wd_um,wq_um\n" + "\n".join(rows) + "\n"
+    plain, turned = read_one(save(text)), read_one(newest_first(save, text, "turned.csv"))
+    for name in ("time", "drive", "response"):
+        np.testing.assert_array_equal(getattr(turned, name), getattr(plain, name))
+    assert "its rows stand newest first: read in the order of their times" in turned.notes
+    assert "line 5" in " ".join(plain.notes) and "line 28" in " ".join(turned.notes)  # the empty cell
+    several = newest_first(save, repeats(2, log=lambda run, row: run), "two.csv")
+    assert [log.time.tolist() for log in read_logs(several)] == [[-1.0, 0.0, 1.0, 2.0]] * 2
+    refused(newest_first(save, text.replace("\n0.7,5,7", "\n0.6,5,7"), "odd.csv"), "not below the one before")
+    refused(
+        newest_first(save, text.replace("0,,9", "0,3,9").replace(",7,49", ",x,49"), "word.csv"),
+        "line 24",
+        "'x'",
+    )
 
 
 def test_the_named_line_tells_them_apart(save):

@@ -232,7 +232,7 @@ REFUSED = {
     "unit that is worked out for ever": (PAIR.replace("w_um", "w [V**9**9**9**9]"), "unit"),
     "dates": (PAIR.replace("0,", "2024-01-01,"), "'2024-01-01'"),
     "clock": (PAIR.replace("0,", "12:30:00,"), "'12:30:00'"),
-    "time backwards": ("time_s,w_um\n2,1\n1,2\n0,3\n", "line 3"),
+    "time backwards": ("time_s,w_um\n2,1\n1,2\n1.5,3\n0,3\n", "line 3"),
     "below absolute zero": ("time_s,temperature_K,w_um\n0,300,1\n1,-300,2\n", "line 3"),
     "Celsius called Kelvin, in winter": ("# temperature_K: -5\n" + PAIR, "absolute zero"),
     "frequency below zero": ("frequency_Hz,w_um\n1,1\n-2,1\n", "line 3"),

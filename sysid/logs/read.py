@@ -26,7 +26,7 @@ from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.parted import parted
 from sysid.logs.stated import errors, read_errors, stated_in
-from sysid.logs.timed import timed
+from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
 from sysid.tables import units
@@ -123,6 +123,8 @@ def log_of(
         rows = chosen if rows is None else rows[chosen]
     arrays = {key: _values(key, body, source, rows, place) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
+    plan, turned, arrays = oldest_first(plan, place if rows is None else rows, arrays)
+    rows = turned if rows is not None or turned is not place else None
     plan, rows, arrays = _kept(head, body, plan, rows, arrays, kind)
     count = len(next(iter(arrays.values()))[0])
     plan = unfolded(name, timed(head, body, plan, rows, arrays, kind), arrays)

@@ -38,8 +38,8 @@ def assumptions(trial: Trial) -> list[str]:
         whole = trial.whole or log
         finer = "" if of_one_moment(whole.time, whole.response) else "; record the time with more digits"
         found.append(
-            f"{shared} of {len(whole)} rows have the time stamp of the row before, and are taken as rows of one"
-            f" moment{finer}"
+            f"{shared} of {len(whole)} rows have the time stamp of the row before, and are taken as rows of"
+            f" one moment{finer}"
         )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         rest = "taken as at rest, with no output offset, before its first row"
