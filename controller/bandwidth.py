@@ -24,6 +24,7 @@ from controller.laws import Asked
 from controller.plate import positive
 from controller.promise import LONGEST, samples, settling
 from controller.tracker import SignTracker
+from sysid.asked import number
 
 # default tau_cl / tau, the paper's 0.5 ms for 1.67 ms: V peaks at 1/0.3 of its end value
 CLOSED_LOOP_SHARE = 0.3
@@ -61,7 +62,7 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
     if wanted is None:
         bound: Bound = "plant" if plant <= safe else "delay" if safe > 0.98 * limit else "posterior"
         return Bandwidth(min(plant, safe), limit, bound, asked.leads)
-    if not wanted > 0:
+    if not number("bandwidth_hz", wanted) > 0:
         raise ValueError(
             f"bandwidth_hz = {wanted:g} cannot be had: any above 0 and up to {safe:.6g} Hz can; "
             f"the default is {min(plant, safe):.6g} Hz"

@@ -17,6 +17,7 @@ from controller.machine import Machine
 from controller.plate import plate_of, positive, units_of
 from controller.promise import Promise
 from controller.rig import METHODS, Calibrated, Method, Rig
+from sysid.asked import given, number
 from sysid.shown import Shown
 
 
@@ -143,8 +144,9 @@ def design(
     and an export.
 
     Raises ValueError when G or tau is not determined, and for what cannot be had, with the limit that stands
-    in the way and the nearest that can.
+    in the way and the nearest that can; TypeError for what is of another kind.
     """
+    given("rig", rig, Rig | None, "a Rig, as controller.Rig.from_toml(path) reads it")
     rig = rig or Rig()
     method = method or rig.method or "pi"
     if method not in METHODS:
@@ -164,8 +166,8 @@ def design(
     return _loop(asked, bandwidth_of(asked, bandwidth_hz, settling_time), guard)
 
 
-def _latency(T: float, given: float | None, method: Method) -> float:
-    latency = T if given is None else float(given)
+def _latency(T: float, stated: float | None, method: Method) -> float:
+    latency = T if stated is None else number("latency", stated)
     if not 0.0 <= latency < 1000 * T:
         raise ValueError(f"found latency = {latency:g} s, expected 0 to a thousand samples")
     # The commands of the observer are latched at the next sample.

@@ -12,6 +12,7 @@ from controller.margins import Bode
 from controller.promise import Promise
 from controller.scalar import NO_LIMIT
 from controller.tracker import SignTracker
+from sysid.asked import LOOP, given
 
 SCHEMA = 1
 
@@ -22,6 +23,7 @@ def as_dict(loop: Loop) -> dict[str, Any]:
 
     Gains are in drive unit per response unit. They serve either axis; the step in C and in Python closes d.
     """
+    given("loop", loop, Loop, LOOP)
     T, machine, limits, d = loop.sample_time, loop.switched, loop.limits, loop.demodulator
     guard = machine and machine.control
     heard = d and {"rate_Hz": d.rate, "share": d.share, "poles": d.order}

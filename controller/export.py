@@ -18,6 +18,7 @@ from controller.scalar import NO_LIMIT, typed
 from controller.source import Multiples, Timer
 from controller.tracker import PLL, SignTracker
 from sysid import __version__
+from sysid.asked import LOOP, given
 
 Precision = Literal["single", "double"]
 KINDS = {"single": np.float32, "double": np.float64}
@@ -34,6 +35,7 @@ def export_c(loop: Loop, path: str | Path, precision: Precision | None = None, p
     / ^ . - so that no text from a log can end a comment. Notes stay in the JSON. Raises ValueError for what
     cannot be exported: a loop without its guard.
     """
+    given("loop", loop, Loop, LOOP)
     path = Path(path)
     if path.suffix == ".c" or not re.fullmatch(r"[A-Za-z0-9_.+-]+", path.name):
         raise ValueError(

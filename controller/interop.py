@@ -13,6 +13,7 @@ import numpy as np
 from controller.design import Loop
 from controller.ensemble import Ensemble
 from controller.margins import held, linearised
+from sysid.asked import LOOP, given
 
 
 class Systems(NamedTuple):
@@ -40,6 +41,7 @@ def loop_systems(loop: Loop, gain: float = 1.0) -> Systems:
     forward, with a plate of `gain` times its G: an observer then learns another damping."""
     import control
 
+    given("loop", loop, Loop, LOOP)
     T = loop.sample_time
     A, B, C, D = (m[0] for m in linearised(loop.law, np.array([T / loop.tau]), gain))
     law = control.ss(

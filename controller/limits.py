@@ -10,6 +10,7 @@ import numpy as np
 from controller.ensemble import Ensemble, Range, Span
 from controller.plate import Plate, positive
 from controller.rig import Rig
+from sysid.asked import number
 
 # limit over steady voltage at which 5 ms become 1.5 ms: for a promise whose amplitude is not stated
 HEADROOM = 1.6
@@ -35,8 +36,8 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: Span | None)
     force = rig.force if finger is None else None
     if finger is None:
         finger = rig.finger or 0.0 if force is None else _damping(plate, force)
-    low, high = _warming(plate, rig) if warming is None else _pair(warming)
-    if not (math.isfinite(finger) and finger >= 0):
+    low, high = _warming(plate, rig) if warming is None else _pair("warming", warming)
+    if not (math.isfinite(number("finger", finger)) and finger >= 0):
         raise ValueError(f"found finger = {finger:g}, expected the damping that a finger adds, zero or more")
     if (low, high) != (0.0, 0.0) and plate.k_T is None:
         raise ValueError(
@@ -46,16 +47,16 @@ def range_of(plate: Plate, rig: Rig, finger: float | None, warming: Span | None)
     return Range(float(finger), 0.0 if finger == 0.0 else force, (float(low), float(high)))
 
 
-def _pair(warming: Span) -> Span:
+def _pair(name: str, stated: Span) -> Span:
     """From and to, both finite. Raises ValueError."""
     try:
-        low, high = (float(v) for v in warming)
+        low, high = (float(v) for v in stated)
         good = -math.inf < low <= high < math.inf
     except (TypeError, ValueError):
         good = False
     if not good:
         raise ValueError(
-            f"found warming = {warming}, expected two numbers, from and to, the first no larger than the"
+            f"found {name} = {stated!r}, expected two numbers, from and to, the first no larger than the"
             " second"
         )
     return low, high
@@ -111,14 +112,14 @@ def limits_of(plate: Plate, rig: Rig, voltage: float | None, window: Span | None
     if voltage is None:
         voltage = min(seen, default=None)
         said = "the rig's" if voltage is not None and voltage == rig.voltage_limit else said
-    elif rig.voltage_limit is not None and voltage > rig.voltage_limit:
+    elif rig.voltage_limit is not None and number("voltage_limit", voltage) > rig.voltage_limit:
         most = f"{rig.voltage_limit:g} at most"
         raise ValueError(f"found voltage_limit = {voltage:g}, expected the rig's {most}")
     if voltage is not None:
         positive("voltage_limit", voltage)
     if plate.f0 is None:
         return Limits(voltage, None, said)
-    window = window or _window(plate, rig, logs)
+    window = _window(plate, rig, logs) if window is None else _pair("frequency_window", window)
     reached = sorted([plate.f0, *(plate.f0 + (plate.k_T or 0.0) * w for w in warming)])
     if window is not None and not (window[0] < reached[0] and reached[-1] < window[1]):
         raise ValueError(

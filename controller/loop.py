@@ -21,6 +21,7 @@ import numpy as np
 
 from controller.dq import Command
 from controller.trace import Trace
+from sysid.asked import LOOP, every, refuse
 from sysid.precision import jitted
 from sysid.scene import engine
 from sysid.scene.effects import (
@@ -60,6 +61,9 @@ def closed_loops(
 ) -> list[Trace]:
     """`closed_loop` of many scenes side by side, in one compiled program: they name the same effects;
     numbers, profiles and lengths may differ. `loop` may be one, or one for each scene, of one kind."""
+    scenes = every("scenes", scenes, Scene, "Scenes, as sysid.Scene.from_toml(path) reads them")
+    if not hasattr(loop, "control") and not isinstance(loop, Sequence):
+        refuse("loop", loop, LOOP)
     loops = [loop] * len(scenes) if hasattr(loop, "control") else list(loop)
     seeds = range(len(scenes)) if seeds is None else seeds
     cut: dict[tuple[int, int], _Run] = {}  # one scene may have many seeds

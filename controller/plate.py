@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from sysid.asked import number, refuse
 from sysid.columns.metadata import stated
 
 
@@ -68,6 +69,8 @@ def _read(source: Any) -> tuple[Mapping[str, Any], Any]:
         return {**source.fit.parameters, **source.summary()}, source.fit
     if hasattr(source, "parameters"):
         return source.parameters, source
+    if not hasattr(source, "G") and not hasattr(source, "tau"):
+        refuse("source", source, "a posterior, a fit, or a plant with G, tau and f0")
     values = ((name, getattr(source, name, None)) for name in ("G", "tau", "f0", "k_T"))
     return {name: Known(v, v is not None, f"the plant has no {name}") for name, v in values}, source
 
@@ -100,7 +103,9 @@ def units_of(fit: Any) -> tuple[str | None, str | None]:
 
 
 def positive(name: str, value: float) -> float:
-    """The value as a float. Raises ValueError, with its `name`, where it is not finite and above zero."""
+    """The value as a float. Raises ValueError, with its `name`, where it is not finite and above zero,
+    TypeError where it is no number."""
+    value = number(name, value)
     if not (math.isfinite(value) and value > 0):
         raise ValueError(f"{name} = {value:g} must be a finite number above 0")
     return float(value)

@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid import reading
 from sysid.adoption.adopt import tried
+from sysid.asked import LOG, every, number
 from sysid.effects.registry import ADOPTED, EFFECTS, EVERY
 from sysid.logs.log import Log
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
@@ -61,8 +62,10 @@ def fit(
     the logs alone do not determine stays undetermined. `start`: a plant to begin from instead of the data.
     `meanwhile`: is given the best minimum, and the reference (Hz, degC) of its offsets, before the fit looks
     for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or for a prior
-    that is none."""
-    logs = [logs] if isinstance(logs, Log) else logs
+    that is none; TypeError for what are no logs."""
+    logs = every("logs", logs, Log, LOG)
+    nuisances = (nuisances,) if isinstance(nuisances, str) else nuisances
+    reference_temperature = number("reference_temperature", reference_temperature)
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     minimiser, best = question.minimiser, states[0]
     if meanwhile is not None:

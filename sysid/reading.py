@@ -10,7 +10,7 @@ from sysid.logs.log import Log
 from sysid.minimum.guess import candidates
 from sysid.model.theta import NAMES
 from sysid.rows import thermometer
-from sysid.rows.clock import even, even_sweep
+from sysid.rows.clock import even, even_sweep, of_one_moment
 from sysid.rows.condense import taken
 from sysid.rows.dwell import (
     LEFT,
@@ -91,7 +91,11 @@ def trials(logs: Sequence[Log], nuisances: tuple[str, ...]) -> tuple[tuple[Trial
             log = replace(
                 log, temperature=read.temperature, bench={"temperature_std_degC": read.error, **log.bench}
             )
-        if log.kind != "steady" and log.time is not None and (clock := even(log.time)):
+        if log.kind == "steady" or log.time is None or of_one_moment(log.time, log.response):
+            clock = None
+        else:
+            clock = even(log.time)
+        if clock:
             log = replace(log, time=clock[0])
             warnings.append(f"{log.name}: {wording.rounded_stamps(log.time, clock[1])}")
         if log.kind == "steady" and log.frequency is not None and (scale := even_sweep(log.frequency)):

@@ -15,14 +15,15 @@ ROOT = Path(__file__).parents[1]
 # What stands above may be imported: folders and modules from the top, and the modules of a folder from its
 # left.
 HOUSE = """
+asked
 kept
 precision
 shell
 shown
-tables     densities units textfile cells scattered stamps pieces preamble axis sheet layout csvfile csvbody joined compound store
+tables     densities units textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound store
            hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
-columns    preset plan signal mapping mapfile labels factors survey roles draft found metadata unknown synonyms header
+columns    preset plan signal mapping mapfile labels factors survey roles draft found metadata unknown synonyms owntimes header
 demodulation  lockin switched carrier waveform
 logs       capture opening missing filled stated parted timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare

@@ -341,6 +341,24 @@ def test_comments_below_the_last_row_are_left_out_and_noted(save):
     )
 
 
+@pytest.mark.parametrize(
+    "footer", ["; end of log", "END", "stopped by hand; all good;", "recorder 3: done\r\n\r\n-- eof"]
+)
+@pytest.mark.parametrize("block", [64, 1 << 24])
+def test_words_below_the_last_row_are_left_out_and_noted(save, monkeypatch, footer, block):
+    """What no recorder leaves of a row that it was writing: words, no number, and of another width."""
+    monkeypatch.setattr(csvbody, "BLOCK", block)
+    text = (HEADER + ROWS).replace(",", ";")
+    for below in (footer, footer + "\n", footer + "\n;;;\n"):
+        (log,) = read_logs(save(text + below))
+        check_step(log)
+        (note,) = [said for said in log.notes if "left out" in said]
+        assert note.startswith("line") and " 26" in note and footer.splitlines()[-1] in note, note
+    refused(save(text + footer + "\n" + ROWS.replace(",", ";")), "line 26", "columns")
+    for part in ("0.5", "0.5;1", "nan", "0.5;x"):  # of a row
+        refused(save(text + part), "line 26", "still being written")
+
+
 @pytest.mark.parametrize("mark", "#%")
 @pytest.mark.parametrize("block", [64, 1 << 24])
 def test_comments_among_the_rows_are_left_out_and_noted(save, monkeypatch, mark, block):

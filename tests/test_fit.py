@@ -332,6 +332,7 @@ def test_a_clipped_sweep_is_a_misfit(bench, nuisances):
     fit = sysid.fit([bench.sweep(limit=1.2)], nuisances=nuisances)
     assert fit.result is Result.misfit
     assert any("sweep: saturated" in said for said in fit.warnings)
+    assert not fit.usable and any(p.determined for p in fit.parameters.values())
 
 
 def test_a_second_resonance_is_fitted(bench, among):

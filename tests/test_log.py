@@ -153,16 +153,52 @@ def test_a_column_that_changes_where_time_begins_anew_tells_logs_apart(save, nam
 @pytest.mark.parametrize(
     "columns",
     [
-        {},
         {"cycle": lambda run, row: 2 * run + row // 2},  # changes where the time goes on as well
         {"cycle": lambda run, row: run % 2},  # two runs of one value
         {"cycle": lambda run, row: 7},
-        {"n": lambda run, row: 4 * run + row},  # which numbers the rows
     ],
 )
 def test_a_column_that_may_tell_logs_apart_is_named(save, columns):
+    columns |= {"n": lambda run, row: 4 * run + row}  # which numbers the rows
     error = str(refused(save(repeats(3, **columns)), "line 6", "'time_s'", "'-1'", "a column `log`"))
-    assert ('split_by = "cycle"' in error) == ("cycle" in columns) and '"n"' not in error
+    assert 'split_by = "cycle"' in error and '"n"' not in error
+
+
+@pytest.mark.parametrize("columns", [{}, {"n": lambda run, row: 4 * run + row}])
+def test_a_time_that_begins_again_at_the_same_tells_logs_apart(save, columns):
+    """A clock that was started anew with its record; one that only goes back is another's, or was set."""
+    logs = read_logs(save(repeats(3, **columns)))
+    assert [log.name for log in logs] == ["log.csv[1]", "log.csv[2]", "log.csv[3]"]
+    for run, log in enumerate(logs):
+        assert log.time.tolist() == [-1.0, 0.0, 1.0, 2.0]
+        assert log.response.tolist() == [10 * run + row for row in range(4)]
+        assert "its time begins anew 2 times: read as 3 logs" in log.notes
+    later = repeats(1, 10).splitlines() + [f"{time},5,{time}" for time in range(2, 9)]  # which began at 2 s
+    refused(save("\n".join(later) + "\n"), "line 12", "not below the one before")
+
+
+def newest_first(save, text, name):
+    header, *rows = text.splitlines()
+    return save("\n".join([header, *reversed(rows)]) + "\n", name)
+
+
+def test_rows_that_stand_newest_first_are_turned(save):
+    """As the same file in the order of time, also where a cell is empty or rows are of two experiments."""
+    rows = [f"{k / 10},{5 * (k > 4)},{k if k != 3 else ''},{k * k}" for k in range(30)]
+    text = "time_s,voltage_V,wd_um,wq_um\n" + "\n".join(rows) + "\n"
+    plain, turned = read_one(save(text)), read_one(newest_first(save, text, "turned.csv"))
+    for name in ("time", "drive", "response"):
+        np.testing.assert_array_equal(getattr(turned, name), getattr(plain, name))
+    assert "its rows stand newest first: read in the order of their times" in turned.notes
+    assert "line 5" in " ".join(plain.notes) and "line 28" in " ".join(turned.notes)  # the empty cell
+    several = newest_first(save, repeats(2, log=lambda run, row: run), "two.csv")
+    assert [log.time.tolist() for log in read_logs(several)] == [[-1.0, 0.0, 1.0, 2.0]] * 2
+    refused(newest_first(save, text.replace("\n0.7,5,7", "\n0.6,5,7"), "odd.csv"), "not below the one before")
+    refused(
+        newest_first(save, text.replace("0,,9", "0,3,9").replace(",7,49", ",x,49"), "word.csv"),
+        "line 24",
+        "'x'",
+    )
 
 
 def test_the_named_line_tells_them_apart(save):
@@ -410,7 +446,7 @@ def test_rows_below_a_preamble_are_as_strict(save):
     refused(save(text + "0.3,5,1,0\n"), "line 6", "found 4 columns", "expected 5")
     refused(save(text + "END\n" + ROWS), "line 6", "found 1 columns")
     refused(save(text + "0.3,5,1,0,0,7\nEND\n"), "line 6", "found 6 columns")
-    refused(save(HEADER + ROWS + "END\n"), "line 5", "found 1 columns")  # without a preamble nothing ends
+    refused(save(HEADER + ROWS + "END\n" + ROWS), "line 5", "found 1 columns")
     refused(save("a,b,c\n" * 200 + HEADER + ROWS), "no response")
 
 
@@ -612,11 +648,13 @@ def test_a_line_that_is_nearly_metadata_is_a_warning(save, line, expected):
     [
         ("Frequency: 32300", "frequency_Hz"), ("freq: 32.3 kHz", "frequency_kHz"), ("f_Hz: 32300", "frequency_Hz"),
         ("frequncy_kHz: 32.3", "frequency_kHz"), ("voltage: 5", "voltage_V"), ("voltage: 5 Vpp", "voltage_V_pp"),
-        ("U_mV: 5", "voltage_mV"), ("voltage_V = 5 V", None),
+        ("U_mV: 5", "voltage_mV"), ("voltage_V = 5 volt, at most", None),
     ],
 )  # fmt: skip
 def test_an_input_that_is_nearly_stated_is_a_warning_where_the_log_lacks_it(save, line, expected):
-    said = f"; did you mean {expected!r}?" if expected else ": found '5 V', expected a finite number"
+    said = (
+        f"; did you mean {expected!r}?" if expected else ": found '5 volt, at most', expected a finite number"
+    )
     key = re.split(" *[:=]", line)[0]
     assert read_one(save(f"# {line}\ntime_s,w_um\n0,1\n")).warnings == (
         f"log.csv: metadata {key!r} is not used{said}",

@@ -24,6 +24,7 @@ from sysid.verdict.result import Result
 KEYS = [
     "schema",
     "result",
+    "usable",
     "verdict",
     "plate",
     "created",
@@ -65,6 +66,14 @@ def test_the_schema_is_one_and_names_every_key():
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
     assert SCHEMA["required"] == KEYS == list(SCHEMA["properties"])
     assert SCHEMA["properties"]["result"]["enum"] == [r.value for r in Result]
+
+
+@pytest.mark.parametrize("result", list(Result))
+def test_values_are_usable_where_the_run_was_successful(result):
+    """Whatever is determined there: the flag is for scripts that look at nothing else."""
+    content = outputs.document(standin.posterior(result=result), None, [])
+    assert content["usable"] is (content["result"] == "successful")
+    assert content["parameters"]["tau"]["determined"]
 
 
 @pytest.mark.parametrize("result", list(Result))

@@ -143,6 +143,7 @@ def test_a_failure_names_itself_and_what_to_record():
     for words in (Result.undetermined.value, "cannot tell G; record more"):
         assert words in said and words in page, words
     assert "no controller" in said and "None was designed" in page
+    assert "value, not to be used" in said and "not to be used" not in shown(standin.posterior())
 
 
 def test_draws_without_bounds_are_not_drawn_and_unknown_numbers_say_so():

@@ -7,7 +7,7 @@ from conftest import most, seeds, study
 
 import sysid
 from sysid import Result
-from sysid.rows.clock import even, even_sweep
+from sysid.rows.clock import even, even_sweep, of_one_moment
 
 PLANT = reference.Plant(G=1.0, tau=1.67e-3, f0=32300.0, k_T=0.0)
 N, EARLY, DT, LEVEL = 220, 20, 1e-4, 0.005
@@ -96,6 +96,37 @@ def test_the_clock_is_told_as_well_as_it_says():
         line, digit = even(1e-3 * np.rint(1e3 * period * np.arange(400)))
         assert digit == pytest.approx(1e-3)
         assert np.mean(np.diff(line)) == pytest.approx(period, rel=2e-3)
+
+
+@seeds(8, 100)
+@pytest.mark.parametrize("often", [2, 3])
+def test_readings_of_one_moment_are_told_from_rows_of_a_faster_clock(seeds, often):
+    """By the response: of two or three rows of each stamp, which the stamps alone do not tell apart."""
+    stamps = np.repeat(1e-4 * np.arange(120), often)
+    clock = 1e-4 / often * np.arange(120 * often)
+    for seed in seeds:
+        noise = reference.noise(120 * often, 0.01, seed)
+        for time, once in ((stamps, True), (clock, False)):
+            rise = (1 - np.exp((-1 / PLANT.tau - 400j) * time)) * (1 + 0.5j)
+            assert of_one_moment(stamps, rise + noise) is once
+        assert not of_one_moment(clock, rise + noise)  # no two share a stamp
+        assert not of_one_moment(np.sort(np.append(stamps[:-1], 1.0)), rise + noise)  # nor as many each
+
+
+def test_two_readings_of_each_moment_are_no_rounded_clock():
+    """Errors as of one reading of half the variance: the pairs were parted by half a row, and the trigger late."""
+    one = step(0.0, 1, 60.0)
+    twice = {name: np.repeat(getattr(one, name), 2) for name in ("time", "drive", "frequency")}
+    noise = reference.noise(2 * N, LEVEL, 2)
+    clean = one.response - reference.noise(N, LEVEL, 1)
+    fit = sysid.fit(
+        sysid.Log("twice", np.repeat(clean, 2) + noise, kind="transient", sampling="instant", **twice)
+    )
+    (said,) = [w for w in fit.warnings if "stamp" in w]
+    assert said.endswith("taken as rows of one moment")
+    for name in ("G", "tau", "f0"):
+        p = fit.parameters[name]
+        assert abs(p.value - getattr(PLANT, name)) < 4 * p.std
 
 
 def test_rounded_frequencies_of_a_sweep_up_and_down():

@@ -14,7 +14,7 @@ from sysid.columns.factors import not_applied
 from sysid.columns.found import completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
-from sysid.columns.metadata import metadata_number, rate_key, refuse_repeated, sample_rate, stated
+from sysid.columns.metadata import rate_key, refuse_repeated, sample_rate, stated
 from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
@@ -26,6 +26,7 @@ from sysid.columns.synonyms import (
     is_called_time,
     is_waveform,
     refuse_misspelt,
+    stated_constant,
 )
 from sysid.columns.unknown import drafted, not_understood
 from sysid.tables import units
@@ -168,8 +169,7 @@ def contract_plan(head: Head) -> Plan:
             name is not None and amount(value) is None and not units.is_known(name.unit)
         )  # as LabVIEW's Time_Pref: Relative
         if name and name.unit and name.quantity != "response" and not remark:
-            number = metadata_number(head, key, value)
-            add_source(head, sources, key, Source(f"metadata {key!r}", "", constant=number, written=value))
+            add_source(head, sources, key, stated_constant(head, key, value, name))
     notes += add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
     counter = None if waveform or "time" in sources else _counter(head, unknown)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Collection, Mapping
 
 from sysid.tables import units
-from sysid.tables.cells import to_number
+from sysid.tables.cells import amount, to_number
 from sysid.tables.csvfile import Head, LogError
 
 
@@ -22,7 +22,8 @@ def sample_rate(head: Head, metadata: Mapping[str, str]) -> float | None:
         units.check_unit("frequency", unit)
     except ValueError as error:
         raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
-    rate = float(units.convert(metadata_number(head, key, metadata[key]), unit, "Hz"))
+    number = metadata_number(head, key, metadata[key], units.Name("frequency", unit, "peak"))
+    rate = float(units.convert(number, unit, "Hz"))
     if rate <= 0:
         raise LogError(f"{head.path}, metadata {key!r}: found {rate:.6g} Hz, expected a rate above zero")
     return rate
@@ -43,9 +44,28 @@ def refuse_repeated(head: Head, metadata: Mapping[str, str], words: Collection[s
             )
 
 
-def metadata_number(head: Head, key: str, text: str) -> float:
-    """A number of the metadata. Raises LogError where it is none, or where the file states two."""
+def metadata_number(head: Head, key: str, text: str, name: units.Name | None = None) -> float:
+    """A number of the metadata; see `written_number`."""
+    return written_number(head, key, text, name)[0]
+
+
+def written_number(head: Head, key: str, text: str, name: units.Name | None) -> tuple[float, str]:
+    """A number of the metadata, and as it is written; behind it may stand the unit that the key says
+    (`name`), or one of its kind, which is converted. Raises LogError where it is none, or where the file
+    states two."""
     refuse_repeated(head, {key: head.metadata.get(key, "")}, (key.casefold(),))
-    if not math.isfinite(number := to_number(text, str(head.dialect.decimal))):
-        raise LogError(f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number")
-    return number
+    digits, beside = amount(text) or (text, "")
+    number = to_number(digits, str(head.dialect.decimal))
+    own = units.parse_name(f"{name.quantity} [{beside}]") if name and beside else None
+    agrees = own and own.amplitude in ("peak", name.amplitude) and units.fits(name.quantity, own.unit)
+    if agrees and units.same_kind(own.unit, name.unit):
+        number = float(units.convert(number, own.unit, name.unit))
+    elif beside:
+        number = math.nan
+    if not math.isfinite(number):
+        unit = f" of {name.unit}" if name else ""
+        alone = "; write the number alone: its unit stands in the key" if amount(text) and name else ""
+        raise LogError(
+            f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number{unit}{alone}"
+        )
+    return number, digits

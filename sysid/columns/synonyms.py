@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from sysid.columns.labels import INPUTS, folded
-from sysid.columns.metadata import metadata_number, stated
+from sysid.columns.metadata import stated, written_number
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
 from sysid.tables import units
@@ -46,12 +46,16 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
             notes.append(f"column {label} is read as {quantity}")
     for key, value in head.metadata.items():
         if (quantity := _meant(key, SYNONYMS, sources)) in units.CONSTANTS:
-            source = Source(
-                f"metadata {key!r}", "", constant=metadata_number(head, key, value), written=value
-            )
-            add_source(head, sources, quantity + key.strip()[len(units.split_unit(key)[0]) :], source)
+            label = quantity + key.strip()[len(units.split_unit(key)[0]) :]
+            add_source(head, sources, label, stated_constant(head, key, value, units.parse_name(label)))
             notes.append(f"metadata {key!r} is read as {quantity}")
     return notes
+
+
+def stated_constant(head: Head, key: str, text: str, name: units.Name | None) -> Source:
+    """The source of an input that the metadata state under `key`, which says what `name` has."""
+    number, written = written_number(head, key, text, name)
+    return Source(f"metadata {key!r}", "", constant=number, written=written)
 
 
 def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) -> str | None:
@@ -110,7 +114,10 @@ def add_source(head: Head, sources: dict[str, Source], label: str, source: Sourc
     same = units.DRIVES if name.quantity in units.DRIVES else (name.quantity,)
     if double := next((sources[quantity] for quantity in same if quantity in sources), None):
         what = "the drive" if name.quantity in units.DRIVES else name.quantity
-        raise LogError(f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once")
+        own = "; a mapping file (--columns) can name the column to read, by its place from 0 on"
+        raise LogError(
+            f"{head.path}: found {what} twice, as {double.label} and {label}, expected it once{own}"
+        )
     sources[name.quantity] = dataclasses.replace(source, unit=unit, amplitude=name.amplitude, dated=dated)
     return True
 

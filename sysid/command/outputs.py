@@ -65,6 +65,7 @@ def document(
     content = {
         "schema": SCHEMA,
         "result": posterior.result.value,
+        "usable": posterior.result.usable,
         "verdict": verdict(posterior.result.value, parameters, len(fit.logs), plate),
         "plate": plate,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

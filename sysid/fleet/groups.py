@@ -9,12 +9,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from sysid import asked
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import stated
 from sysid.fleet import many
 from sysid.logs.alike import Alike
 from sysid.logs.log import Log
 from sysid.logs.opening import expanded, opened
+from sysid.tables.prose import is_prose
 from sysid.tables.textfile import LogError
 
 PLATE, FOLDER = "plate", "folder"  # ways of `by`; any other is a pattern
@@ -23,6 +25,7 @@ TEXT, BINARY = (
     "csv|tsv|txt|dat|asc|jsonl|ndjson|uff|unv|s\\d+p|ts",
     "h5|hdf5|mat|parquet|feather|arrow|wav|tdms",
 )
+NOTES = r"\.(txt|dat|asc)(\.(gz|bz2|xz))?$"  # of logs, and of notes on them as well
 ENDINGS = rf"\.({TEXT}|{BINARY})(\.(gz|bz2|xz))?$"
 Given = str | Path | Log
 alike = Alike()  # the heads of files that this process has met
@@ -40,12 +43,17 @@ class Group:
 
 
 def grouped(
-    groups: Any, by: str, mapping: MappingFile | None = None, beside: Path | None = None
+    groups: Any,
+    by: str,
+    mapping: MappingFile | None = None,
+    beside: Path | None = None,
+    aside: list[str] | None = None,
 ) -> list[Group]:
     """The plates of `groups`: a mapping from a plate's name to its logs; a sequence of such logs, each of one
     plate; or one sequence of files, folders and Logs, parted `by` what they state.
 
-    `beside`: a folder of results, whose files are no logs. Raises LogError where there is nothing to fit, or
+    `beside`: a folder of results, whose files are no logs; `aside` gets the files of folders that hold no
+    table. Raises LogError where there is nothing to fit, or
     two plates have one name, ValueError for a `by` that is none.
     """
     if isinstance(groups, Mapping):
@@ -54,14 +62,17 @@ def grouped(
     if not given:
         raise LogError("found no logs, expected at least one file")
     if all(isinstance(item, Given) for item in given):
-        return parted(given, by, mapping, beside)
+        return parted(given, by, mapping, beside, [] if aside is None else aside)
     if any(isinstance(item, Given) for item in given):
         raise LogError("found logs beside groups of logs, expected either")
     return _distinct([_named(_several(logs), k) for k, logs in enumerate(given)])
 
 
 def _several(logs: Any) -> tuple:
-    return (logs,) if isinstance(logs, Given) else tuple(logs)
+    if isinstance(logs, Given):
+        return (logs,)
+    asked.given("logs", logs, Iterable, "files, folders or Logs, or a mapping from plates to these")
+    return tuple(logs)
 
 
 def _named(logs: tuple[Given, ...], number: int) -> Group:
@@ -77,14 +88,16 @@ def _distinct(groups: list[Group]) -> list[Group]:
     return groups
 
 
-def parted(given: Sequence[Given], by: str, mapping: MappingFile | None, beside: Path | None) -> list[Group]:
-    """Files, folders and Logs as plates, in the order of their first log."""
+def parted(
+    given: Sequence[Given], by: str, mapping: MappingFile | None, beside: Path | None, aside: list[str]
+) -> list[Group]:
+    """Files, folders and Logs as plates, in the order of their first log; `aside` gets what is no log."""
     sure = pattern(by) if by not in (PLATE, FOLDER) else None
     found: dict[str, list[Given]] = {}
     refused: list[Group] = []
     nameless: list[Given] = []
     strange: list[Given] = []
-    for item, root in _files(given, beside):
+    for item, root in _files(given, beside, aside):
         try:
             for name, logs, why in _plates(item, root if len(given) == 1 else None, by, sure, mapping):
                 if why:
@@ -116,9 +129,11 @@ def pattern(text: str) -> re.Pattern[str]:
     return found
 
 
-def _files(given: Iterable[Given], beside: Path | None) -> Iterable[tuple[Given, Path | None]]:
+def _files(
+    given: Iterable[Given], beside: Path | None, aside: list[str]
+) -> Iterable[tuple[Given, Path | None]]:
     """Each log once, with the folder that it was found in, if one was given; a folder's in the order of their
-    names."""
+    names. `aside` gets those of a folder that are prose."""
     known: set[str] = set()
     for item in given:
         if isinstance(item, Log):
@@ -127,6 +142,11 @@ def _files(given: Iterable[Given], beside: Path | None) -> Iterable[tuple[Given,
         for path in expanded([item]):
             root = Path(path) if os.path.isdir(path) else None
             files = [path] if root is None else within(root, beside)
+            notes = {
+                file for file in files if root and re.search(NOTES, file, re.IGNORECASE) and is_prose(file)
+            }
+            aside += sorted(notes)
+            files = [file for file in files if file not in notes]
             if not files:
                 raise LogError(f"{path}: found no logs in this folder, expected files such as *.csv")
             for file in files:

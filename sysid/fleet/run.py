@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sysid.asked import number
 from sysid.fleet.engine import Dask, Engine, Here, Processes
 from sysid.fleet.groups import PLATE, Group, grouped
 from sysid.fleet.parts import Parts
@@ -52,7 +53,8 @@ def fit_fleet(
     plate's fit: see `sysid.fit`, `sysid.sample` and, for `columns`, `sysid.read_logs`. `meanwhile`:
     is given how many plates are done, and of how many, as it goes on.
 
-    A plate whose logs cannot be read is a row with the reader's sentence under `error`. Raises LogError where
+    A plate whose logs cannot be read is a row with the reader's sentence under `error`; files of a folder
+    that hold no table are in `attrs["left_out"]`. Raises LogError where
     there is nothing to fit, OSError where the folder cannot be written, ValueError for a setting that is
     none.
     """
@@ -70,12 +72,13 @@ def fit_fleet(
         settings = Settings(
             accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own, lane
         )
-        plates = grouped(
-            groups, by, None if mapping is None else load_mapping(mapping), None if folder is None else place
-        )
+        aside: list[str] = []
+        read_by = None if mapping is None else load_mapping(mapping)
+        plates = grouped(groups, by, read_by, None if folder is None else place, aside)
         settings = settings.of_run(len(plates))
         parts, engine = Parts(place / PARTS), partial(_engine, jobs, scheduler)
         frame = _fitted(plates, settings, parts, engine, meanwhile)
+        frame.attrs["left_out"] = aside
         rows = lambda plates: parts.of(plates, settings)  # noqa: E731
         return _finished(frame, rows, None if folder is None else place, full, shrink)
 
@@ -121,7 +124,7 @@ def _check(nuisances: Sequence[str]) -> None:
 def _engine(jobs: int | None, scheduler: str | None, plates: int) -> Engine:
     if scheduler is not None:
         return Dask(scheduler)
-    if jobs is not None and jobs < 0:
+    if jobs is not None and number("jobs", jobs) < 0:
         raise ValueError(f"found {jobs} jobs, expected 0 or more")
     jobs = cores() if jobs is None else jobs
     return Processes(min(jobs, plates)) if jobs else Here()

@@ -12,6 +12,7 @@ from sysid.fleet.lot import FEWEST, UNITS
 from sysid.fleet.plate import NOISES
 from sysid.model.theta import POSITIVE
 from sysid.report.text import measured
+from sysid.tables.cells import listed
 
 ALARMS = 5  # of a number that is 1 on the average: by chance in one of three hundred runs
 NUMBER = re.compile(r"(?<![A-Za-z_])[-+]?\d[\d.]*(e[-+]?\d+)?")
@@ -45,9 +46,10 @@ def one(value: float, std: float, unit: str) -> str:
 
 def said(frame: pd.DataFrame) -> list[str]:
     """Sentences on the lot."""
-    told = frame.attrs["lot"]
+    told, aside = frame.attrs["lot"], frame.attrs.get("left_out")
+    left = [f"left out, no table in it: {listed(aside)}"] if aside else []
     if not told["judged"]:
-        return [f"too few plates to be judged as a lot: {FEWEST} that are identified are needed"]
+        return [*left, f"too few plates to be judged as a lot: {FEWEST} that are identified are needed"]
     each = f"of all {told['judged']} plates chance alone makes {told['alarms']:g} odd on the average"
     lines = [_two(frame, told["halves"])] if "halves" in told else []
     lines += _noise(frame)
@@ -57,7 +59,7 @@ def said(frame: pd.DataFrame) -> list[str]:
             "the lot has longer tails than a normal one, by which its plates are judged: those of Student's t"
             f" of {told['tails']:g} degrees of freedom"
         )
-    return [*lines, each]
+    return [*left, *lines, each]
 
 
 def _noise(frame: pd.DataFrame) -> list[str]:

@@ -36,7 +36,8 @@ def bench_of(head: Head, metadata: Mapping[str, str]) -> dict[str, float]:
                 units.check_unit("time", named[1])
             except ValueError as error:
                 raise LogError(f"{head.path}, metadata {key!r}: {error}") from None
-            bench[f"{named[0]}_s"] = float(units.convert(metadata_number(head, key, text), named[1], "s"))
+            number = metadata_number(head, key, text, units.Name("time", named[1], "peak"))
+            bench[f"{named[0]}_s"] = float(units.convert(number, named[1], "s"))
     for key, value in bench.items():
         if key == "lockin_order" and (value < 1 or value % 1):
             raise LogError(

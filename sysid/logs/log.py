@@ -101,6 +101,9 @@ class Log(Shown):
 
     def _own(self, name: str, values: Any) -> np.ndarray:
         array = np.asarray(values)
+        if array.dtype.kind not in "biufc":
+            found = f"found {name} of {array.dtype.name}, for example {array.ravel()[:1].tolist()}"
+            raise LogError(f"{self.path or self.name}: {found}, expected numbers")
         array = array.astype(np.complex128 if np.iscomplexobj(array) else np.float64, copy=False)
         if array.ndim != 1 or not len(array) or len(array) != len(self.response):
             raise LogError(

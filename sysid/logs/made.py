@@ -2,10 +2,12 @@
 
 import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from sysid.asked import number, refuse
 from sysid.logs.doubts import doubted
 from sysid.logs.filled import direct, driven_frequency, not_direct, of_the_driven
 from sysid.logs.log import Log, LogError
@@ -20,6 +22,8 @@ SERIES = ("time", "drive", "frequency", "temperature", "force", "std", "theta")
 
 def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
     """The log of a DataFrame, or of columns by name."""
+    if isinstance(table, str | Path | None):
+        refuse("a table", table, "a DataFrame, or columns by name; sysid.read_logs(path) reads files")
     store = Store(name, "a table")
     store.constants = {key: str(value) for key, value in {**getattr(table, "attrs", {}), **constants}.items()}
     for column in table:
@@ -75,4 +79,6 @@ def of_waveform(drive: Any, response: Any, rate: float, name: str, constants: Ma
         label(units.pop("drive_unit"), "drive"): drive,
         label(units.pop("response_unit"), "response"): response,
     }
-    return of_table(columns, name, {**units, "kind": "waveform", "sample_rate_Hz": repr(float(rate))})
+    return of_table(
+        columns, name, {**units, "kind": "waveform", "sample_rate_Hz": repr(number("rate", rate))}
+    )

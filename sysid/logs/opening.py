@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sysid.asked import every
 from sysid.columns.mapping import MappingFile
 from sysid.logs.capture import captures, side_by_side
 from sysid.tables.cells import Dialect
@@ -22,7 +23,8 @@ from sysid.tables.textfile import unchanged
 def groups(paths: str | Path | Iterable[str | Path], mapping: MappingFile | None) -> list[dict[str, str]]:
     """The files to read, each once: of each the path, or of each capture of several the paths by the patterns
     that the mapping file has for them. Raises LogError."""
-    files = list(dict.fromkeys(expanded([paths] if isinstance(paths, str | Path) else paths)))
+    paths = every("paths", paths, str | Path, "the path of a file, a pattern, or several of these")
+    files = list(dict.fromkeys(expanded(paths)))
     return captures(files, mapping) if mapping and mapping.files else [{"": path} for path in files]
 
 

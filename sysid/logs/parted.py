@@ -1,7 +1,8 @@
 """Experiments that follow one another in one table, whose time begins anew: the column that tells them apart.
 
-It holds one value in each of them, and another wherever the time goes back, whatever it is called. Rows whose
-time goes back for another reason are refused; which column may be meant is said then.
+It holds one value in each of them, and another wherever the time goes back, whatever it is called. Where no
+column may number them, the time tells them apart if it begins each time at the same. Rows whose time goes
+back for another reason are refused; which column may be meant is said then.
 """
 
 import dataclasses
@@ -37,21 +38,35 @@ def parted(
             note = f"column {label} tells {len(back) + 1} logs apart: the time begins anew where it changes"
             notes = (*(said for said in plan.notes if said != spare), note)
             return dataclasses.replace(plan, split=column, notes=notes), again
-    return plan, body
+    return _by_time(plan, body, back) if several and not _may_count(head, plan) else (plan, body)
+
+
+def _by_time(plan: Plan, body: Body, back: np.ndarray) -> tuple[Plan, Body]:
+    """The rows as their time alone tells them apart, where it begins again each time where it first began, to
+    a row: a clock that was started anew with its record. No clock that is set does so."""
+    time = body.numbers[plan.sources["time"].column]
+    begins = np.append(0, back + 1)
+    if not np.ptp(time[begins]) <= np.median(np.abs(np.diff(time))):
+        return plan, body
+    keys = np.searchsorted(begins, np.arange(len(time)), side="right").astype(str).astype(object)
+    note = f"its time begins anew {len(back)} time{'s' * (len(back) > 1)}: read as {len(begins)} logs"
+    return dataclasses.replace(plan, notes=(*plan.notes, note)), dataclasses.replace(body, keys=keys)
 
 
 def remedy(head: Head, plan: Plan) -> str:
     """What to do about a time that goes back, where experiments may follow one another."""
     if plan.split is not None:
         return ""
-    spare = [
-        name
-        for k, name in enumerate(head.names)
-        if k not in _read(plan) and name.casefold() in CALLED and not _counts(head, k)
-    ]
+    spare = _may_count(head, plan)
     line = f'split_by = "{spare[0]}"' if spare else ""
     way = f", or {spare[0]!r} does by the line {line} in a mapping file (--columns)" if spare else ""
     return f"; experiments that follow one another are told apart by a column `log`{way}"
+
+
+def _may_count(head: Head, plan: Plan) -> list[str]:
+    """The names of columns that are not read and may number experiments."""
+    open_ = [name for k, name in enumerate(head.names) if k not in _read(plan) and not _counts(head, k)]
+    return [name for name in open_ if name.casefold() in CALLED]
 
 
 def _read(plan: Plan) -> set[int | None]:

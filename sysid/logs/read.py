@@ -12,6 +12,7 @@ from sysid.columns.header import INPUTS, counted, planned, table_plan
 from sysid.columns.mapfile import load_mapping
 from sysid.columns.mapping import MappingFile, select_rows
 from sysid.columns.metadata import metadata_number, stated
+from sysid.columns.owntimes import at_one_time
 from sysid.columns.plan import ERRORS, Plan, Source
 from sysid.columns.signal import decode, is_analysed, lock_in, turned
 from sysid.columns.unknown import not_understood
@@ -25,11 +26,11 @@ from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.parted import parted
 from sysid.logs.stated import errors, read_errors, stated_in
-from sysid.logs.timed import timed
+from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
 from sysid.tables import units
-from sysid.tables.cells import decimals, listed
+from sysid.tables.cells import decimals, listed, to_number
 from sysid.tables.csvbody import Body, read_body
 from sysid.tables.csvfile import Head, LogError, called
 from sysid.tables.densities import amplitude_of, is_decibel
@@ -80,7 +81,7 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
 
 def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
     """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
-    head, mapping, plan = planned(head, mapping)
+    head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))
     return head, mapping, *parted(head, plan, body, wanted, _dated(plan))
@@ -122,6 +123,8 @@ def log_of(
         rows = chosen if rows is None else rows[chosen]
     arrays = {key: _values(key, body, source, rows, place) for key, source in plan.sources.items()}
     kind = _word(head, plan.metadata, "kind", (*KINDS, "waveform"))
+    plan, turned, arrays = oldest_first(plan, place if rows is None else rows, arrays)
+    rows = turned if rows is not None or turned is not place else None
     plan, rows, arrays = _kept(head, body, plan, rows, arrays, kind)
     count = len(next(iter(arrays.values()))[0])
     plan = unfolded(name, timed(head, body, plan, rows, arrays, kind), arrays)
@@ -251,14 +254,14 @@ def _values(
 def _temperature_digit(head: Head, source: Source, body: Body) -> float:
     """One of the last digit (degC) of what was written: of the first rows as text, and of all rows as far as
     numbers show it."""
+    mark, places = str(head.dialect.decimal), range(DIGITS)
     if source.column is None:
-        texts, numbers = [source.written], np.array([source.constant])
+        texts, numbers = [source.written], np.array([to_number(source.written, mark)])
     else:
         texts, numbers = (
             [row[source.column] for row in head.sample if source.column < len(row)],
             body.numbers[source.column],
         )
-    mark, places = str(head.dialect.decimal), range(DIGITS)
     written = max(decimals(text, mark) for text in texts)
     numbers = np.unique(numbers[np.isfinite(numbers)])
     shown = next(
@@ -284,7 +287,7 @@ def _drive(
     duty = _internal("duty", *arrays.pop("duty"))
     if (text := stated(plan.metadata, "volts_per_duty")) is None:
         return duty, "duty"
-    return duty * metadata_number(head, "volts_per_duty", text), "V"
+    return duty * metadata_number(head, "volts_per_duty", text, units.Name("voltage", "V", "peak")), "V"
 
 
 def _response(

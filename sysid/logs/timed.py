@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sysid.columns.plan import Plan
+from sysid.logs.filled import Arrays
 from sysid.logs.missing import placed, refuse_row
 from sysid.logs.parted import remedy
 from sysid.tables.csvbody import Body
@@ -28,17 +29,25 @@ def timed(
     if "time" in arrays and plan.sources["time"].spare and coarse(arrays["time"][0]) is not None:
         return _without_time(head, plan, arrays)
     if "time" in arrays and (decrease := decrease_of(arrays["time"][0])) is not None:
-        newest_first = bool(np.all(np.diff(arrays["time"][0]) < 0))
-        what_to_do = (
-            "; its rows stand newest first: sort them by time" if newest_first else remedy(head, plan)
-        )
-        expected = f"a time not below the one before{what_to_do}"
+        expected = f"a time not below the one before{remedy(head, plan)}"
         refuse_row(head, body, plan.sources["time"], rows, decrease, expected)
     if "time" in arrays and plan.sources["time"].dated and (same := coarse(arrays["time"][0])) is not None:
         if kind != "steady" and not _sweeps(arrays):
             refuse_row(head, body, plan.sources["time"], rows, same, FINER)
         return _without_time(head, plan, arrays)
     return plan
+
+
+def oldest_first(plan: Plan, rows: np.ndarray, arrays: Arrays) -> tuple[Plan, np.ndarray, Arrays]:
+    """The plan, the rows and the arrays in the order of time, where each row's lies below that of the row
+    before: newest first, as some recorders save."""
+    time = arrays["time"][0] if "time" in arrays else np.zeros(0)
+    time = time[np.isfinite(time)]
+    if len(time) < 3 or not (np.diff(time) < 0).all():
+        return plan, rows, arrays
+    note = "its rows stand newest first: read in the order of their times"
+    turned = {key: (values[::-1], unit) for key, (values, unit) in arrays.items()}
+    return dataclasses.replace(plan, notes=(*plan.notes, note)), rows[::-1], turned
 
 
 def _past_midnight(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.asked import LOG, given
 from sysid.logs.benchwords import BENCH
 from sysid.logs.log import Log
 from sysid.tables import units
@@ -44,6 +45,7 @@ def write_log(
     The carrier's phase theta of a log that was demodulated here is its column `carrier_rad`. `append`:
     more rows of the log that the file holds. `further`: columns that are no part of a log, by their names.
     """
+    given("log", log, Log, LOG)
     recorded = {name: values.tolist() for name, values in (columns(log) | dict(further or {})).items()}
     with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
         if not append:

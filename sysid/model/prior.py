@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.asked import given, number
 from sysid.model.theta import NAMES, POSITIVE
 
 
@@ -54,7 +55,11 @@ FLAT = Prior(np.zeros(len(NAMES)), np.zeros((len(NAMES), len(NAMES))))
 
 def checked(stated: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
     """The priors; ValueError, with what was found and what was expected, where they are none."""
-    for name, (value, std) in stated.items():
+    expected = 'value and standard deviation by name, as in {"k_T": (-8.0, 1.0)}'
+    given("priors", stated, Mapping, expected)
+    for name, pair in stated.items():
+        given(f"the prior of {name}", pair, (tuple, list, np.ndarray), expected)
+        value, std = (number(f"the prior of {name}", x) for x in pair)
         if name not in NAMES:
             raise ValueError(f"found a prior of {name!r}, expected one of {', '.join(NAMES)}")
         if not (math.isfinite(value) and 0 < std < math.inf):

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtr
 
+from sysid.asked import refuse
 from sysid.shown import Shown
 from sysid.verdict.fitted import Fit
 
@@ -47,7 +48,9 @@ class Told:
             return cls._of_content(_read(Path(source)), str(source))
         if isinstance(source, Mapping):
             return cls._of_content(source, "the content")
-        fit = source if isinstance(source, Fit) else source.fit
+        fit = source if isinstance(source, Fit) else getattr(source, "fit", None)
+        if fit is None:
+            refuse("fit", source, "a fit, a posterior, a fit.json or its folder")
         parameters = fit.parameters if source is fit else source.summary()
         names, matrix = covariance(fit, parameters)
         values, units = (

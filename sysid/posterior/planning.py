@@ -9,10 +9,12 @@ against the seconds that recording takes.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
 
+from sysid.asked import FIT, every, given, number
 from sysid.logs.log import Log
 from sysid.model.theta import NAMES, PLANT, std_of
 from sysid.posterior.foreseen import PROMISES, Design, Raised, promised
@@ -162,13 +164,23 @@ def advise(
     the logs' own and AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at
     the logs' temperature. Noise is that of the logs of that kind, else of all. Empty when no log has a drive
     and a frequency, or tau is a guess, or nothing helps. Raises ValueError for a parameter that there is not,
-    for a promise without a design, and where the design refuses a plate that is known exactly.
+    for k_T where no log has a temperature, for a promise without a design, and where the design refuses a
+    plate that is known exactly; TypeError for what is no fit.
     """
+    given("fit", fit, Fit, FIT)
+    given("design", design, Callable | None, "controller.design, or functools.partial of it")
+    drive = None if drive is None else number("drive", drive)
+    temperatures = None if temperatures is None else every("temperatures", temperatures, Real, "degC")
     if parameter not in (*PLANT, "worst", *PROMISES):
         raise ValueError(f"found {parameter!r}, expected one of {', '.join((*PLANT, 'worst', *PROMISES))}")
     if parameter in PROMISES and design is None:
         raise ValueError(
             f"{parameter!r} is promised by a design, and none is given; expected design=controller.design"
+        )
+    if parameter == "k_T" and all(f.log.temperature is None for f in fit.logs):
+        raise ValueError(
+            "found no temperature in any log, expected one where k_T is asked for; record sweeps at two"
+            " temperatures, 10 degC apart, with the temperature of each"
         )
     benches = [b for mode in fit.modes if (b := _Bench.of(replace(fit, modes=(mode,)))) is not None]
     if not benches:

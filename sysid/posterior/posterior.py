@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sysid.asked import FIT, given, number
 from sysid.posterior.accuracy import Rung, above, up_to
 from sysid.posterior.circuit import Circuit, circuit
 from sysid.posterior.diagnostics import Convergence, ess, rhat
@@ -20,7 +21,7 @@ from sysid.posterior.estimate import Estimate, moved
 from sysid.posterior.target import Target, bounded
 from sysid.precision import float64, one_thread
 from sysid.shown import Shown
-from sysid.verdict.determined import parameter, usable
+from sysid.verdict.determined import enough, parameter
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Parameter, Result
 
@@ -196,7 +197,8 @@ def sample(
     `starting`: seconds to allow for loading emcee where the program has not done it. A parameter about which
     the logs say nothing is held where the fit left it. The same seed and accuracy give the same draws.
     """
-    until = np.inf if budget is None else perf_counter() + budget
+    given("fit", fit, Fit, FIT)
+    until = np.inf if budget is None else perf_counter() + number("budget", budget)
     first, *higher = up_to(accuracy or ("standard" if budget is None else "exact"))
     begun = perf_counter()
     target = Target(fit, seed=seed)
@@ -352,4 +354,4 @@ def _judged(fit: Fit, result: Result, estimates: dict[str, Estimate]) -> Result:
     if result is not Result.successful:
         return result
     known = {n: parameter(fit, n, e.value, e.std, (e.low, e.high)) for n, e in estimates.items()}
-    return result if usable(fit.parameters | known, fit.modes[0].trials) else Result.undetermined
+    return result if enough(fit.parameters | known, fit.modes[0].trials) else Result.undetermined

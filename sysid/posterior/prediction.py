@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from sysid import reading
+from sysid.asked import LOG, given
 from sysid.logs.log import Log, LogError
 from sysid.model.span import orthonormal
 from sysid.shown import Shown
@@ -113,6 +114,7 @@ def _real(rows: np.ndarray) -> np.ndarray:
 def _check(fit: Fit, log: Log) -> None:
     """LogError for a log of another plate's units or without a drive; ValueError for a fit that tells no
     plate."""
+    given("log", log, Log, LOG)
     if not fit.result.bounded or fit.plant.G is None:
         raise ValueError(
             f"no prediction: {'no drive was recorded' if fit.result.bounded else fit.result.value}"

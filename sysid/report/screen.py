@@ -103,7 +103,8 @@ def _logs(logs: list[Mapping[str, Any]], width: int) -> Table:
 
 
 def _parameters(document: Mapping[str, Any], derived: Mapping[str, Mapping[str, Any]]) -> Table:
-    table = table_of("parameter", "value", "95 % interval", "unit")
+    value = "value" if document["usable"] else "value, not to be used"
+    table = table_of("parameter", value, "95 % interval", "unit")
     for name, parameter in shown(document).items():
         cells = row(parameter) if parameter["determined"] else ("not determined", "", parameter["unit"])
         table.add_row(name + _at(name, parameter, document), *(Text(clean(cell)) for cell in cells))

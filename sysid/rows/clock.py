@@ -45,6 +45,20 @@ def even(time: np.ndarray, firm: float = FIRM) -> tuple[np.ndarray, float] | Non
     return line, digit
 
 
+def of_one_moment(time: np.ndarray, response: np.ndarray) -> bool:
+    """Whether rows that share a stamp, as many at each, are readings of that moment, and no rows of a faster
+    clock, whose response (n,) goes on between them as it does from stamp to stamp. What is likelier, by least
+    squares; where the response hardly moves it makes no difference."""
+    begins = np.flatnonzero(np.diff(time, prepend=-np.inf))
+    often = np.diff(np.append(begins, len(time)))
+    if len(often) < LEAST or often[0] < 2 or np.ptp(often) > 0:
+        return False
+    runs = response.reshape(-1, often[0])
+    within, means = (runs[:, -1] - runs[:, 0])[1:-1], runs.mean(axis=1)
+    course = 0.5 * (1 - 1 / often[0]) * (means[2:] - means[:-2])
+    return float(np.vdot(course, within).real) < 0.5 * float(np.vdot(course, course).real)
+
+
 def even_sweep(frequency: np.ndarray) -> tuple[np.ndarray, float] | None:
     """The same of the frequencies (n,) of a sweep (Hz), of all its ways up and down; None where each point is
     there as often as any other: it was measured so often, and no step is just that part of a digit."""

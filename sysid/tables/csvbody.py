@@ -80,14 +80,13 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
     )
     digest, packed = _digest(head.path), is_packed(head.path)
     with open_text(head.path) as file:
-        gaps = find_gaps(
-            file, (*head.header, b"")[0], head.start, line, rows_like(head.sample[0], delimiter), BLOCK
-        )
+        like = rows_like(head.sample[0], delimiter)
+        gaps = find_gaps(file, (*head.header, b"")[0], head.start, line, like, BLOCK)
         tables = (head.metadata, *(_of_table(head, gap) for gap in gaps))
         file.seek(head.start)
         blocks = pieces(file, BLOCK, delimiter == WHITESPACE, gaps)
         blocks = without_remarks(blocks, marks, line, remarks) if marks else blocks
-        for block in without_end(blocks, delimiter, head.preamble):
+        for block in without_end(blocks, like, head.preamble, line, remarks):
             blank, count = _check_counts(head, block, line)
             blank_lines += blank
             if rows := count - len(blank):
@@ -139,10 +138,12 @@ def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection
 def _of_remarks(head: Head, remarks: list[tuple[int, str]], end: int) -> str:
     """A note on comments among the rows, or below the last of them, which is above line `end`. Raises
     LogError where one among them states what holds of the rows below it alone, if of any."""
-    marks = head.dialect.comment or ()
+    marks, remarks = head.dialect.comment or (), sorted(remarks)
     for line, text in remarks:
+        if line >= end:
+            break
         stated = [key for key in metadata_of([comment_of(text, marks)])[0] if units.is_key(key)]
-        if stated and line < end:
+        if stated:
             found = f"found metadata {stated[0]!r} among the rows, expected it above the header"
             raise LogError(f"{head.path}, line {line}: {found}; a log of other rows is a file of its own")
     where = f"line{'s' if remarks[1:] else ''} {listed([str(line) for line, _ in remarks])}"

@@ -17,6 +17,7 @@ from sysid.tables.cells import (
     GROUPED,
     WHITESPACE,
     Dialect,
+    amount,
     find_delimiter,
     is_number,
     listed,
@@ -311,8 +312,8 @@ def _stated(comment: str, mark: str) -> tuple[str, str]:
 
 
 def _equation(comment: str) -> tuple[str, str] | None:
-    """Key and value of `key = value`, where logs have such a key and the value is a number, or the word that
-    is expected; else it may be a sentence, or an instrument's setting."""
+    """Key and value of `key = value`, where logs have such a key and the value is a number, with a unit
+    or without, or the word that is expected; else it may be a sentence, or an instrument's setting."""
     key, value = _stated(comment, "=")
     word = key.casefold()
     said = (
@@ -320,7 +321,7 @@ def _equation(comment: str) -> tuple[str, str] | None:
         if word in ("kind", "sampling")
         else bool(value)
         if word == "plate"
-        else is_number(value)
+        else is_number(value) or ((of := amount(value)) is not None and units.is_known(of[1]))
     )
     return (key, value) if said and units.is_key(key) else None
 

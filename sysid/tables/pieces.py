@@ -13,6 +13,7 @@ from sysid.tables.cells import is_number, split_line
 from sysid.tables.stamps import is_stamp
 
 DEEPEST = 200  # lines of a gap, above its header and below
+_END = re.compile(rb"[A-Za-z][\w ]*")
 NEAR = 1 << 16  # bytes above a repeated header in which its gap begins
 
 
@@ -48,6 +49,16 @@ class Rows(NamedTuple):
         one."""
         cells = self._cells(raw)
         return len(cells) == self.width and any(_is_value(cells[k]) for k in self.numbers)
+
+    def is_blank(self, raw: bytes) -> bool:
+        """Whether a line holds delimiters and blanks alone."""
+        return not raw.strip(f" \t\r\n{self.delimiter}".encode())
+
+    def is_apart(self, raw: bytes) -> bool:
+        """Whether a line of text is no row, not even a part of one: of another width, without a number."""
+        cells, text = self._cells(raw), raw.decode("utf-8", errors="replace").strip()
+        words = text.isprintable() and any(map(str.isalpha, text))
+        return words and len(cells) != self.width and not any(map(_is_value, cells))
 
     def _cells(self, raw: bytes) -> list[str]:
         return split_line(raw.decode("utf-8", errors="replace"), self.delimiter)
@@ -101,24 +112,34 @@ def without_remarks(
         yield comment.sub(b"", block) if remarks else block
 
 
-def without_end(blocks: Iterator[bytes], delimiter: str, ends: bool) -> Iterator[bytes]:
-    """The blocks without what is no row below the last one: delimiters and blanks alone, and the END that a
-    preamble began (`ends`)."""
-    nothing = f" \t\r\n{delimiter}".encode()
-    held = b""  # until something follows: only the file's end tells which row is the last
+def without_end(
+    blocks: Iterator[bytes], rows: Rows, ends: bool, line: int, remarks: list[tuple[int, str]]
+) -> Iterator[bytes]:
+    """The blocks, which begin at line `line`, without what is no row below the last one: delimiters and
+    blanks alone, the END that a preamble began (`ends`), and words that are not as wide as rows, which are
+    put into `remarks`."""
+    held = b""  # until a row follows: only the file's end tells which is the last
     for block in blocks:
-        if held and block.strip(nothing):
-            yield held
-            held = block
-        else:
-            held += block
-    held = held[: _end_of_line(held, len(held.rstrip(nothing)))]
-    above, _, last = held.rstrip().rpartition(b"\n")
-    if ends and re.fullmatch(rb"[A-Za-z][\w ]*", last):
-        held = above + b"\n" if above else b""
-    held = held[: _end_of_line(held, len(held.rstrip(nothing)))]
-    if held.strip(nothing):
-        yield held
+        held += block
+        if end := _end_of_rows(held, rows, ends):
+            yield held[:end]
+            line += held.count(b"\n", 0, end)
+            held = held[end:]
+    for number, raw in enumerate(held.splitlines(), line):
+        if raw.strip() and not rows.is_blank(raw) and not (ends and _END.fullmatch(raw.strip())):
+            remarks.append((number, raw.decode("utf-8", errors="replace").strip()))
+
+
+def _end_of_rows(block: bytes, rows: Rows, ends: bool) -> int:
+    """Where the last line that may be a row ends: one with a number, or as wide as a row."""
+    end = len(block)
+    while end:
+        start = block.rfind(b"\n", 0, end - 1) + 1
+        raw = block[start:end]
+        if not (rows.is_blank(raw) or rows.is_apart(raw) or (ends and _END.fullmatch(raw.strip()))):
+            break
+        end = start
+    return end
 
 
 def _repeats(file: BinaryIO, header: bytes, start: int, size: int) -> Iterator[int]:

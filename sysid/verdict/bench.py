@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sysid.asked import FIT, given
 from sysid.trials.extra import UNITS
 from sysid.trials.trial import Trial, freedom
 from sysid.verdict.fitted import Fit
@@ -39,6 +40,7 @@ def nuisances(fit: Fit) -> tuple[dict[str, Parameter], ...]:
     has beside the settled response, along it and across, and an offset under an amplitude what it has along
     the response at resonance; `noise` is one channel's standard deviation; where those of d and q differ it
     is their root mean square, with `noise_d` and `noise_q`."""
+    given("fit", fit, Fit, FIT)
     state = fit.modes[0]
     return tuple(
         _of_one(view, state.spread) for view in LinearisedLog.each(state, fit.reference, coloured=True)

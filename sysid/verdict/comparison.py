@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.asked import FIT, given
 from sysid.model.theta import NAMES
 from sysid.shown import Shown
 from sysid.trials.extra import EXTRA, UNITS
@@ -54,6 +55,7 @@ class Comparison(Shown):
 
 def compare(fit: Fit) -> tuple[Comparison, ...]:
     """Every description that leaves out one part of the fit's, the worst first."""
+    given("fit", fit, Fit, FIT)
     logs = _Logs(fit)
     every = (*NUISANCES, *EXTRA)  # effects that are fitted are part of all descriptions
     full = logs.described(every)

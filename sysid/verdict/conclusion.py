@@ -14,7 +14,7 @@ from sysid.model.theta import FINGER, NAMES, PLANT, carried, in_units, std_of
 from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, recorder, wording
 from sysid.verdict.conjugate_phase import mirrored
-from sysid.verdict.determined import alone, informed, parameter, undescribed, usable
+from sysid.verdict.determined import alone, enough, informed, parameter, undescribed
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.immediate import responds_at_once
@@ -74,7 +74,7 @@ def conclude(
     believed = _believed(fit, question.reference_temperature)
     parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
     result = fit.result
-    if result is Result.successful and not usable(parameters, best.trials):
+    if result is Result.successful and not enough(parameters, best.trials):
         result = Result.undetermined
     any_told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
     if wrong and (any_told or any(w.mostly for w in wrong)):

@@ -14,7 +14,7 @@ from sysid.verdict.result import NORMAL95, Parameter
 UNDESCRIBED = "cannot tell, because the model does not describe the logs; do first what the warnings ask for"
 
 
-def usable(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
+def enough(parameters: dict[str, Parameter], trials: Sequence[Trial]) -> bool:
     """Whether tau is determined, and G where a drive was recorded."""
     return parameters["tau"].determined and (
         parameters["G"].determined or all(t.log.drive is None for t in trials)

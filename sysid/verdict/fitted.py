@@ -122,6 +122,12 @@ class Fit(Shown):
         return float(value), float(np.sqrt(self.covariance[k, k]))
 
     @property
+    def usable(self) -> bool:
+        """Whether its values are the plate's. A value of logs that the model does not describe is determined
+        where they bound it, and is that of a model all the same."""
+        return self.result.usable
+
+    @property
     def warming(self) -> float:
         """degC from the temperature of theta's f0 to that at which f0 is reported."""
         return 0.0 if self.reference_temperature is None else self.reference_temperature - self.reference[1]

@@ -21,6 +21,11 @@ class Result(StrEnum):
     sampler_stopped = "the sampler stopped before it reached its criteria"
 
     @property
+    def usable(self) -> bool:
+        """Whether the values are the plate's: of any other fit even a determined one is not to be used."""
+        return self is Result.successful
+
+    @property
     def bounded(self) -> bool:
         """Whether the logs bound the parameters, so that there is a posterior to draw from."""
         return self in (Result.successful, Result.misfit, Result.sampler_stopped)

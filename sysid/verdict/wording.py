@@ -6,6 +6,7 @@ import numpy as np
 
 from sysid.logs.log import Log
 from sysid.model.theta import Theta
+from sysid.rows.clock import of_one_moment
 from sysid.rows.dwell import of_single_points
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
@@ -34,10 +35,11 @@ def assumptions(trial: Trial) -> list[str]:
     if trial.spoilt:
         found.append(_spoilt(trial))
     if not trial.steady and (shared := stamps_shared(trial)):
+        whole = trial.whole or log
+        finer = "" if of_one_moment(whole.time, whole.response) else "; record the time with more digits"
         found.append(
-            f"{shared} of {len(trial.whole or log)} rows have the time stamp of the row before, and are"
-            f" taken as rows of one"
-            " moment; record the time with more digits"
+            f"{shared} of {len(whole)} rows have the time stamp of the row before, and are taken as rows of"
+            f" one moment{finer}"
         )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         rest = "taken as at rest, with no output offset, before its first row"

@@ -1,0 +1,73 @@
+"""Metadata whose numbers have a unit behind them, beside the one in their key: the truth is arithmetic."""
+
+import pytest
+from refusal import refused
+
+from sysid.logs.read import read_logs
+
+ROWS = "time_s,wd_um,wq_um\n" + "".join(f"{k / 1000:g},{k},{2 * k}\n" for k in range(1, 9))
+
+
+def read(save, *stated):
+    (log,) = read_logs([save("".join(f"# {line}\n" for line in stated) + ROWS)])
+    return log
+
+
+@pytest.mark.parametrize(
+    ("stated", "volts"),
+    [
+        ("voltage_V: 100 V", 100),
+        ("voltage_V: 100V", 100),
+        ("voltage_V = 0.1 kV", 100),
+        ("voltage_V: 100 Volts", 100),
+        ("voltage_V: 100 V pk", 100),
+        ("voltage_V_rms: 100 V", 100 * 2**0.5),
+        ("voltage_V_rms: 100 V rms", 100 * 2**0.5),
+        ("volts_V: 2e5 mV", 200),
+    ],
+)
+def test_a_unit_behind_a_drive(save, stated, volts):
+    log = read(save, stated)
+    assert log.drive.tolist() == pytest.approx([volts] * 8) and log.drive_unit == "V"
+
+
+@pytest.mark.parametrize(
+    ("stated", "of", "value"),
+    [
+        ("temperature_degC: 24.0 °C", lambda log: log.temperature[0], 24.0),
+        ("temperature_degC: 24.0 C", lambda log: log.temperature[0], 24.0),
+        ("temperature_degC: 297.1 K", lambda log: log.temperature[0], 23.95),
+        ("temperature_degC: 297.1 K", lambda log: log.temperature_digit, 0.1),
+        ("temperature_degC: 75.2 °F", lambda log: log.temperature[0], 24.0),
+        ("frequency_Hz: 32.28 kHz", lambda log: log.frequency[0], 32280.0),
+        ("delay_s: 3 us", lambda log: log.bench["delay_s"], 3e-6),
+        ("lockin_tau_us: 0.3 ms", lambda log: log.bench["lockin_tau_s"], 3e-4),
+    ],
+)
+def test_a_unit_behind_another_number(save, stated, of, value):
+    assert of(read(save, stated)) == pytest.approx(value, rel=1e-9)
+
+
+def test_a_duty_in_percent_and_its_volts(save):
+    assert read(save, "duty: 50 %", "volts_per_duty: 10 V").drive.tolist() == [5.0] * 8
+
+
+def test_a_sample_rate_with_its_unit(save):
+    rows = ROWS.replace("time_s", "sample").replace("0.00", "")
+    log = read_logs([save("# sample_rate_Hz: 2 kHz\n# kind: transient\n" + rows)])[0]
+    assert (log.time - log.time[0]).tolist() == pytest.approx([k / 2000 for k in range(8)])
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [
+        ("voltage_V: 100 mm", "expected a finite number of V; write the number alone"),
+        ("voltage_V: 100 V rms", "expected a finite number of V; write the number alone"),  # another number
+        ("voltage_V: 100 V at the plate", "write the number alone"),
+        ("delay_s: 3 V", "expected a finite number of s; write the number alone"),
+        ("frequency_Hz: a lot", "expected a finite number of Hz"),
+    ],
+)
+def test_another_unit_is_refused_with_what_to_do(save, stated, words):
+    key, _, text = stated.partition(": ")
+    refused(save(f"# {stated}\n{ROWS}"), f"metadata {key!r}: found {text!r}", words)
