@@ -23,7 +23,7 @@ import numpy as np
 from sysid.adoption.description import RIVAL, Description, Group, Instance
 from sysid.adoption.point import LEVEL, Points
 from sysid.adoption.search import NEARLY, Search
-from sysid.effects.effect import About, Effect
+from sysid.effects.effect import About, Effect, nowhere
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
@@ -243,7 +243,8 @@ def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int], least:
     gains = [(t.name, t.log, fit.gain(t)) for t in looked.tried]
     found = []
     for x in (x for x in each if not wrong.isdisjoint(x.where)):
-        names = (x.effect.name, *x.effect.known_as)
+        own_name = () if x.effect.places is nowhere else (x.effect.name,)  # else that of another of its kind
+        names = (*own_name, *x.effect.known_as)
         here = [(name, gain) for name, log, gain in gains if log is None or log in x.where]
         own = [gain for name, gain in here if name in names]
         if not own and x.effect.places is None:

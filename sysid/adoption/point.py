@@ -168,14 +168,14 @@ class Points:
         return float((self.alone.covariance[1, 1] / noise[1] ** 2) / (state.covariance[1, 1] / noise[0] ** 2))
 
     def sensible(
-        self, instances: Sequence[Instance], numbers: np.ndarray, stds: np.ndarray, state: State
+        self, instances: Sequence[Instance], numbers: np.ndarray, covariance: np.ndarray, state: State
     ) -> bool:
-        """Whether all numbers, with these standard deviations, are those of their effects."""
+        """Whether all numbers, with this covariance, are those of their effects."""
         driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
         own = max(1.0, driven)  # modes may take something away from one another
         each = zip(instances, self.parts(instances), strict=True)
         return all(
-            x.effect.sensible(self.trials[i], Fitted(numbers[part], stds[part], state.tau, own))
+            x.effect.sensible(self.trials[i], Fitted(numbers[part], covariance[part, part], state.tau, own))
             for x, part in each
             for i in x.where
         )

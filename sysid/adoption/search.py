@@ -30,6 +30,7 @@ SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is take
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 LONG = 512  # rows, which tell the colour of a log's noise well enough
 TOLD = 0.1  # of what a log tells of tau, that has to be left beside what happened in it
+EXACT = 1e-200  # of a variance, as of a number without an error
 NUGGET = 1e-6  # of the power of noise behind a filter: a recorder's own
 
 
@@ -144,7 +145,7 @@ class Search:
     def plausible(self, point: Point) -> bool:
         """Whether all numbers would be those of their effects if they were known exactly: two modes may have
         changed places."""
-        exact = 1e-300 * self.points.stds(point.instances)
+        exact = np.diag(EXACT * self.points.stds(point.instances) ** 2)
         return self.points.sensible(point.instances, point.numbers, exact, point.state)
 
     def ended(self, point: Point, count: int) -> Description:
@@ -169,9 +170,8 @@ class Search:
 
     def make_sense(self, found: Description) -> bool:
         """Whether all numbers are those of their effects, of a plate that the logs still show."""
-        stds = np.sqrt(np.diag(found.covariance))
         seen = not found.event or self.points.told(found.where, found.state) > TOLD
-        return seen and self.points.sensible(found.instances, found.numbers, stds, found.state)
+        return seen and self.points.sensible(found.instances, found.numbers, found.covariance, found.state)
 
     def stated(self, found: Description) -> tuple["Search", Description] | None:
         """The search and the description with the logs as they are read where their metadata state what was

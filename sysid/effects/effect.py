@@ -70,18 +70,25 @@ class About(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """Numbers (d,) of an effect as they are fitted to a log, and their standard deviations; tau (s) of the
-    plate that is fitted beside it, and its largest response over that of the logs, or 1 where it is less."""
+    """Numbers (d,) of an effect as they are fitted to a log, and their covariance; tau (s) of the plate that
+    is fitted beside it, and its largest response over that of the logs, or 1 where it is less."""
 
     values: np.ndarray
-    stds: np.ndarray
+    covariance: np.ndarray
     tau: float
     own: float = 1.0
 
+    @property
+    def stds(self) -> np.ndarray:
+        """(d,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
     def seen(self, *numbers: int) -> bool:
-        """Whether one of these is not zero."""
-        some = list(numbers) or slice(None)
-        return bool(np.max(np.abs(self.values[some]) / self.stds[some]) > SEEN)
+        """Whether these, or all of them, are together not zero."""
+        some = list(numbers) or list(range(len(self.values)))
+        values, stds = self.values[some] / self.stds[some], self.stds[some]
+        correlation = self.covariance[np.ix_(some, some)] / np.outer(stds, stds)
+        return bool(values @ np.linalg.pinv(correlation, hermitian=True) @ values > SEEN**2)
 
     def positive(self) -> bool:
         """Whether the first is not zero, and larger."""

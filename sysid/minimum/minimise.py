@@ -16,7 +16,7 @@ from sysid.model.plant import LOW_Q, Plant
 from sysid.model.prior import FLAT, Prior
 from sysid.model.theta import FINGER, NAMES, Theta
 from sysid.precision import makes_beside
-from sysid.trials import jitter
+from sysid.trials import jitter, mixed
 from sysid.trials.experiment import group
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.renew import update
@@ -235,8 +235,10 @@ class Minimiser:
                 break
         if rounds.known:
             jitters = map(jitter.found, trials, models, courses)
+            shares = map(mixed.efficiency, trials, models, courses)
             trials = tuple(
-                replace(t, noise=replace(t.noise, jitter=j)) for t, j in zip(trials, jitters, strict=True)
+                replace(t, noise=replace(t.noise, jitter=j, efficiency=t.noise.efficiency * share))
+                for t, j, share in zip(trials, jitters, shares, strict=True)
             )
         # Padding stands behind each group's logs.
         held = np.concatenate([gram[: len(logs)] for gram, logs in zip(seen.grams, members, strict=True)])

@@ -14,7 +14,7 @@ from sysid.verdict.term import UNNAMED, Term
 
 STEP = 1e-4  # prior standard deviations: of a difference, whose error is in proportion to it
 LEAST = 1e-9  # of a shape: less is rounding
-EXACT = 1e-300  # of them, as of a number without an error
+EXACT = 1e-200  # of a variance, as of a number without an error
 WITHIN = 2.0  # prior standard deviations; a larger number is of something else
 
 
@@ -115,8 +115,8 @@ class Place:
         """Whether such coefficients make sense, or are of something else."""
         if np.any(np.abs(value) > WITHIN):
             return True
-        numbers, exact = self._with(self.values, value), EXACT * self.stds
-        fitted = Fitted(numbers, exact, self.about.tau)
+        numbers = self._with(self.values, value)
+        fitted = Fitted(numbers, np.diag(EXACT * self.stds**2), self.about.tau)
         sense = self.effect.sensible(self.trial, fitted) if self.shown else bool(value[0] > 0)
         return sense and not self.effect.noise_like(self.trial, numbers)
 

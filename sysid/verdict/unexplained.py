@@ -12,6 +12,7 @@ import numpy as np
 
 from sysid.minimum.minimise import State
 from sysid.model.span import times
+from sysid.trials.mixed import mixed
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import joined, whitened
 from sysid.verdict.identify import seconds
@@ -80,6 +81,9 @@ def slow(state: State, i: int) -> bool:
     if not trial.noise.coloured:
         return False
     model = trial.as_recorded(state.models[i])
+    both = mixed(trial, trial.residual(model))
+    if both is not None and both.time * trial.spacing >= FAST * state.tau:
+        return True
     if trial.noise.left_out > trial.lost and is_coloured_noise(trial, trial.residual(model), model):
         return False
     longest = max(trial.noise.parts, key=lambda p: p.time)
