@@ -87,9 +87,9 @@ def fit(
 
 
 def _called_for(judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
-    """The effects of these names that a minimum may call for: of logs that only differ, those of the plate;
-    of driven rows that no plate explains, what may be anything."""
-    each = [e for e in EFFECTS if e.scope == "plate" or not judged.apart]
+    """The effects of these names that a minimum may call for: of logs that only differ, none that lasts for a
+    while; of driven rows that no plate explains, no other."""
+    each = [e for e in EFFECTS if e.hop is None or not judged.apart]
     return [e.name for e in each if e.name in names and (e.hop is not None or not restless)]
 
 

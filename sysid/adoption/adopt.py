@@ -14,7 +14,7 @@ adopted is still named where it explains most of what the plant leaves, and so a
 one log. What was tried in full and explains nothing is refuted: the first order's name for it is no cause.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -42,6 +42,9 @@ MOST = 2  # effects in one set of logs
 LIKELY = 0.25
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
+# by which plates of a kind differ: of log G and log tau, and in half bandwidths (per degC)
+OTHERS = {"G": 0.5, "tau": 0.5, "f0": 4.0, "k_T": 0.1, "finger_damping": 1.0, "finger_detuning": 1.0}
+HERTZ = ("f0", "k_T", "finger_detuning")
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,7 @@ class _Adoption:
         self.search, self.before, self.found, self.count = search, search.points.alone, found, count
         self.alone: list[Description] = []  # of effects by themselves
         self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
+        self.wholly: dict[tuple[str, int], float] = {}  # and of effects that the first order names in it
 
     def best(self, before: Description | None, here: Sequence[Sequence[Group]]) -> Description | None:
         """The best description with one more effect, of those that are likely or else of the others as well;
@@ -158,17 +162,28 @@ class _Adoption:
         effects = [e for e in EFFECTS if e.name == found.name]
         if found.log is None or not effects:
             return _most_evidence(found)
-        ends = self.search.ends(None, [(Instance(e, (found.log,)),) for e in effects], self.count)
-        return max((d.evidence for d in ends), default=-np.inf)
+        if (found.name, found.log) not in self.wholly:
+            ends = self.search.ends(None, [(Instance(e, (found.log,)),) for e in effects], self.count)
+            best = max((d.evidence for d in ends), default=-np.inf)
+            self.wholly[found.name, found.log] = best
+        return self.wholly[found.name, found.log]
 
     def apart(self, i: int) -> float:
-        """The same of a log that is another plate's, with parameters of its own, which to first order may
-        seem worth less than they are."""
+        """Evidence that a log is another plate's, whose parameters differ by d with the covariance C beside a
+        prior of S^2: what it gains, less log det(1 + S C^-1 S)/2 + d^T (C + S^2)^-1 d/2."""
         if i not in self.contradicting:
             points, whole = self.search.points, range(len(self.search.points.trials))
             parts = [tuple(points.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
             each = [points.minimiser.refine(part, points.alone.theta, LEVEL) for part in parts]
-            self.contradicting[i] = _most(sum(s.likelihood for s in each) + points.base, len(points.names))
+            index = [NAMES.index(n) for n in points.names]
+            away = (each[0].theta - each[1].theta)[index]
+            known = (each[0].covariance + each[1].covariance)[np.ix_(index, index)]
+            prior = np.diag([OTHERS[n] * points.alone.half_bandwidth ** (n in HERTZ) for n in points.names])
+            inverse = np.linalg.pinv(known, hermitian=True)
+            volume = float(np.linalg.slogdet(np.eye(len(index)) + prior @ inverse @ prior)[1])
+            off = float(away @ np.linalg.pinv(known + prior**2, hermitian=True) @ away)
+            gained = sum(s.likelihood for s in each) + points.base
+            self.contradicting[i] = gained - 0.5 * (volume + off) - float(np.log(len(whole)))
         return self.contradicting[i]
 
     def cause(self, best: Description) -> bool:
@@ -228,35 +243,33 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
 def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], ...]:
     """These effects as they are tried: the likely ones, the others, and last what may be anything, in a log
     that is wrong: its like in another is not looked for."""
-    known = [x for x in each if x.effect.hop is None]
-    likely, every = (groups(promising(known, looked, wrong, least), wrong) for least in (LIKELY, PROMISES))
+    known = [x for x in each if x.effect.hop is None and not wrong.isdisjoint(x.where)]
+    shares = {x: shown(x, looked) for x in known}
+    likely, every = (
+        groups([x for x in known if shares[x] >= least], wrong, shares) for least in (LIKELY, PROMISES)
+    )
     anything: list[Group] = [(x,) for x in each if x not in known and wrong.issuperset(x.where)]
     return likely, [x for x in every if x not in likely], anything
 
 
-def promising(each: Sequence[Instance], looked: Misfits, wrong: set[int], least: float) -> list[Instance]:
-    """Those that are about logs which are not described, and which show at `least` that share of what they
-    show of anything, to first order; or of which the first order tells nothing, as they do nothing small."""
-    fit = looked.fit
-    if fit is None:
-        return [x for x in each if not wrong.isdisjoint(x.where)]
-    gains = [(t.name, t.log, fit.gain(t)) for t in looked.tried]
-    found = []
-    for x in (x for x in each if not wrong.isdisjoint(x.where)):
-        own_name = () if x.effect.places is nowhere else (x.effect.name,)  # else that of another of its kind
-        names = (*own_name, *x.effect.known_as)
-        here = [(name, gain) for name, log, gain in gains if log is None or log in x.where]
-        own = [gain for name, gain in here if name in names]
-        if not own and x.effect.places is None:
-            continue  # it changes nothing in such logs, as of one temperature
-        if not own or max(own) >= least * max(gain for _, gain in here):
-            found.append(x)
-    return found
+def shown(x: Instance, looked: Misfits) -> float:
+    """The share of what its logs show of anything, to first order, that an effect would be; infinite of one
+    of which the first order tells nothing, as it does nothing small, and 0 of one that changes nothing."""
+    if looked.fit is None:
+        return np.inf
+    here = [t for t in looked.tried if t.log is None or t.log in x.where]
+    own_name = () if x.effect.places is nowhere else (x.effect.name,)  # else that of another of its kind
+    own = [t for t in here if t.name in (*own_name, *x.effect.known_as)]
+    if not own:
+        return 0.0 if x.effect.places is None else np.inf  # as of one temperature
+    most, best = (max(looked.fit.gain(t) for t in some) for some in (here, own))
+    return best / most if most > 0 else 1.0
 
 
-def groups(each: Sequence[Instance], wrong: set[int]) -> list[Group]:
+def groups(each: Sequence[Instance], wrong: set[int], shares: Mapping[Instance, float]) -> list[Group]:
     """These effects as they are tried: each for itself, and one that several logs may have for themselves in
-    all that are `wrong` at once, where it is left to no more than MOST to be one by one."""
+    all that are `wrong` at once; where these are more than MOST, of single ones that of which its log shows
+    most."""
     alike: dict[Effect, list[Instance]] = {}
     for x in each:
         if len(x.where) == 1 and x.effect.scope != "plate" and not x.effect.many:
@@ -264,7 +277,8 @@ def groups(each: Sequence[Instance], wrong: set[int]) -> list[Group]:
     several = [tuple(y for y in xs if y.where[0] in wrong) for xs in alike.values()]
     for_all = {x[0].effect for x in several if len(x) > MOST}
     others = [x[x[0].effect.relative :] for x in several if x]  # but for the one beside which they are
-    alone = [(x,) for x in each if len(x.where) > 1 or x.effect not in for_all]
+    most = {e: max(alike[e], key=lambda x: shares[x]) for e in for_all}
+    alone = [(x,) for x in each if len(x.where) > 1 or most.get(x.effect, x) == x]
     return [*alone, *(x for x in others if len(x) > 1)]
 
 

@@ -138,11 +138,13 @@ def _warming(trial: Trial) -> bool:
 
 
 def _lagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between)."""
-    log = trial.log
+    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between). Its
+    rate is that over a lag before and behind: from row to row it would be that of the sensor's noise."""
+    log, lag = trial.log, float(values[0]) * lasted(trial)
     stamps, first = np.unique(log.time, return_index=True)
-    rate = np.interp(log.time, stamps, np.gradient(log.temperature[first], stamps))
-    return shifted(trial, "temperature", values[0] * lasted(trial) * rate)
+    ends = [np.clip(log.time + way * max(abs(lag), trial.spacing), stamps[0], stamps[-1]) for way in (-1, 1)]
+    before, behind = (np.interp(at, stamps, log.temperature[first]) for at in ends)
+    return shifted(trial, "temperature", lag * (behind - before) / (ends[1] - ends[0]))
 
 
 def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:

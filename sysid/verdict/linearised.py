@@ -198,10 +198,19 @@ class LinearisedLog:
     def modelled(self, trial: Trial) -> np.ndarray:
         """(n,) the plate's part of the log read as `trial`, as it is recorded, less what is recorded."""
         moved = trial.inputs is not self.trial.inputs or trial.bench.filter is not self.trial.bench.filter
-        course = LogResponse.of(trial, self.reference, self.course.theta) if moved else self.course
+        course = self._moved(trial) if moved else self.course
         start, late = self.beside
         plate = course.forced + start * course.free + late * course.rate + trial.bench.moves
         return self.observed(self.own * plate[None])[0] - trial.log.response
+
+    def _moved(self, trial: Trial) -> LogResponse:
+        """The log read as `trial`, as warm as it is then: by what its own thermometer is off it stays off."""
+        course = LogResponse.of(trial, self.reference, self.course.theta)
+        if not trial.tied:
+            return course
+        warmer = course.named.k_T * (course.warming - self.course.warming)
+        trial = trial.with_bench(resonance=trial.bench.resonance + warmer)
+        return LogResponse.of(trial, self.reference, self.course.theta)
 
     def weighted(self, columns: list[Column]) -> np.ndarray:
         """Columns as real, weighted rows, with a row for each one's prior."""
