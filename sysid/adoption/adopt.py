@@ -23,12 +23,14 @@ import numpy as np
 from sysid.adoption.description import RIVAL, Description, Group, Instance
 from sysid.adoption.point import LEVEL, Points
 from sysid.adoption.search import NEARLY, Search
+from sysid.effects.drift import WARMED
 from sysid.effects.effect import About, Effect, nowhere
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import BETWEEN
+from sysid.verdict.inconsistent_log import DIFFER, apart, warmth
 from sysid.verdict.linear import PROMISES, Found
 from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.unexplained import left_of, slow
@@ -42,9 +44,7 @@ MOST = 2  # effects in one set of logs
 LIKELY = 0.25
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
-# by which plates of a kind differ: of log G and log tau, and in half bandwidths (per degC)
-OTHERS = {"G": 0.5, "tau": 0.5, "f0": 4.0, "k_T": 0.1, "finger_damping": 1.0, "finger_detuning": 1.0}
-HERTZ = ("f0", "k_T", "finger_detuning")
+UNLIKE = 0.5  # of log G and log tau, by which plates of a kind differ
 
 
 @dataclass(frozen=True)
@@ -169,21 +169,18 @@ class _Adoption:
         return self.wholly[found.name, found.log]
 
     def apart(self, i: int) -> float:
-        """Evidence that a log is another plate's, whose parameters differ by d with the covariance C beside a
-        prior of S^2: what it gains, less log det(1 + S C^-1 S)/2 + d^T (C + S^2)^-1 d/2."""
+        """Evidence that a log is another plate's: what it gains, less log(1 + S^2/C)/2 + d^2/(C + S^2)/2 of
+        each parameter that differs by d with the variance C beside a prior of S^2."""
         if i not in self.contradicting:
             points, whole = self.search.points, range(len(self.search.points.trials))
             parts = [tuple(points.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
-            each = [points.minimiser.refine(part, points.alone.theta, LEVEL) for part in parts]
-            index = [NAMES.index(n) for n in points.names]
-            away = (each[0].theta - each[1].theta)[index]
-            known = (each[0].covariance + each[1].covariance)[np.ix_(index, index)]
-            prior = np.diag([OTHERS[n] * points.alone.half_bandwidth ** (n in HERTZ) for n in points.names])
-            inverse = np.linalg.pinv(known, hermitian=True)
-            volume = float(np.linalg.slogdet(np.eye(len(index)) + prior @ inverse @ prior)[1])
-            off = float(away @ np.linalg.pinv(known + prior**2, hermitian=True) @ away)
-            gained = sum(s.likelihood for s in each) + points.base
-            self.contradicting[i] = gained - 0.5 * (volume + off) - float(np.log(len(whole)))
+            own, rest = (points.minimiser.refine(part, points.alone.theta, LEVEL) for part in parts)
+            gained = own.likelihood + rest.likelihood + points.base - float(np.log(len(whole)))
+            for name in (n for n in DIFFER if n in points.names):
+                away, error = apart(own, rest, name, warmth(points.minimiser, parts[0]))
+                std = WARMED * points.alone.half_bandwidth if name == "f0" else UNLIKE
+                gained -= 0.5 * float(np.log1p((std / error) ** 2) + away**2 / (error**2 + std**2))
+            self.contradicting[i] = gained
         return self.contradicting[i]
 
     def cause(self, best: Description) -> bool:

@@ -95,9 +95,9 @@ def _told(
     minimiser: Minimiser, trials: Sequence[Trial], each: Sequence[State], together: State
 ) -> dict[str, Told]:
     """By name of a parameter. The resonance is free to follow the temperature."""
-    warm, found = np.array([_warmth(minimiser, (t,)) for t in trials]), {}
+    warm, found = np.array([warmth(minimiser, (t,)) for t in trials]), {}
     for name in (n for n in DIFFER if n in minimiser.free):
-        values, errors = np.array([_apart(s, together, name, w) for s, w in zip(each, warm, strict=True)]).T
+        values, errors = np.array([apart(s, together, name, w) for s, w in zip(each, warm, strict=True)]).T
         follows = name == "f0" and "k_T" in minimiser.free
         found[name] = Told(values, errors, np.stack([np.ones(len(warm)), follows * warm], axis=1))
     return found
@@ -120,14 +120,14 @@ def _contradiction(
     """What `odd` logs, described by `alone`, are beside the others; None where that may be chance."""
     some, logs = [trials[k] for k in odd], [t.log for t in trials]
     others = [log for k, log in enumerate(logs) if k not in odd]
-    warm = _warmth(minimiser, some)
-    apart = {n: _apart(alone, rest, n, warm) for n in DIFFER if n in minimiser.free}
-    name = max(apart, key=lambda n: abs(apart[n][0]) / apart[n][1])
-    value, error = apart[name]
+    warm = warmth(minimiser, some)
+    differ = {n: apart(alone, rest, n, warm) for n in DIFFER if n in minimiser.free}
+    name = max(differ, key=lambda n: abs(differ[n][0]) / differ[n][1])
+    value, error = differ[name]
     if abs(value) < APART * error:
         return None
     said: str | None
-    if touch := _touch(apart):
+    if touch := _touch(differ):
         said = finger("{}", warmer(logs, odd))(np.array([touch]), None)
     elif name == "f0":
         k_T = float(rest.named.k_T) if "k_T" in minimiser.free else 0.0
@@ -164,7 +164,7 @@ def _scattered(told: Mapping[str, Told], trials: Sequence[Trial], k_T: float) ->
     )
 
 
-def _warmth(minimiser: Minimiser, trials: Sequence[Trial]) -> float:
+def warmth(minimiser: Minimiser, trials: Sequence[Trial]) -> float:
     """Mean temperature of logs, in degC above the reference."""
     return float(np.mean([np.mean(t.hold(minimiser.reference).warming) for t in trials]))
 
@@ -177,7 +177,7 @@ def _left(trial: Trial, model: np.ndarray) -> float:
     return float(np.sqrt(2 * np.mean(np.abs(left) ** 2) / max(np.mean(np.abs(np.diff(left)) ** 2), 1e-300)))
 
 
-def _apart(alone: State, rest: State, name: str, warm: float) -> tuple[float, float]:
+def apart(alone: State, rest: State, name: str, warm: float) -> tuple[float, float]:
     """By how much log G, log tau, or the resonance at `warm` degC, differ, and the standard deviation of
     that."""
     row = carried(warm)[DIFFER.index(name)]
