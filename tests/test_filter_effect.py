@@ -129,6 +129,21 @@ def test_behind_an_unknown_filter_a_lone_step_tells_the_plate(seeds, time, order
     assert np.sqrt(np.mean(np.square(scores(fits)))) < most(3 * [*seeds], 2.45)
 
 
+@seeds(1, 15)
+def test_a_wrong_number_of_poles_is_told(seeds, among):
+    """Four were stated of two, whose rows were averaged by these: it was late, with G eight errors off."""
+    for seed in seeds:
+        log = replace(filtered_step(seed, 3e-4, 2, 0.003), bench={"lockin_tau_s": 3e-4, "lockin_order": 4})
+        fit = sysid.fit(log, nuisances=among("filter"))
+        assert fit.result.name == "successful", fit.warnings
+        (found,) = (f for f in fit.findings if f.outcome == "fitted")
+        time = found.numbers["lockin_tau_s"]
+        assert found.key == "filter" and found.numbers["lockin_order"].value == 2
+        assert abs(time.value - 3e-4) < 3 * time.std
+        for name, truth in (("G", G), ("tau", TAU), ("f0", F0)):
+            assert abs(fit.parameters[name].value - truth) < 4 * fit.parameters[name].std, (seed, name)
+
+
 def test_what_may_as_well_be_another_filter_is_not_fitted():
     """In noise of 3 % a filter of a tenth of tau is a lateness like any other."""
     for fit in fitted(range(2), 1e-4, 2, noise=0.03):

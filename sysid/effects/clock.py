@@ -93,8 +93,9 @@ def _filter(order: int) -> Effect:
     """A lock-in's filter of so many poles, that no log states, or another than is stated. Its number: the
     delay of all poles together, in tau."""
 
-    def shows(trial: Trial) -> bool:  # means of many rows would have to be of fewer
-        return _timed(trial) and trial.signed and trial.whole is None
+    def shows(trial: Trial) -> bool:  # means over longer than the stated filter would have to be of fewer rows
+        own = trial.whole is None or trial.spacing <= abs(trial.smoothing[0])
+        return _timed(trial) and trial.signed and own
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
@@ -114,6 +115,8 @@ def _filter(order: int) -> Effect:
 
     def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
         time = number(values[0], stds[0], "s", about.tau / order)
+        if trial.whole is not None:  # means hide where within them it acts
+            time = time._replace(std=float(np.hypot(time.std, trial.spacing / (12**0.5 * order))))
         return {"lockin_tau_s": time, "lockin_order": number(order, 0.0, "1")}
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
