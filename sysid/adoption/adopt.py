@@ -16,6 +16,7 @@ one log. What was tried in full and explains nothing is refuted: the first order
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -155,7 +156,8 @@ class _Adoption:
         others = [f for f in self.found if not any(f.name == n and f.log in (None, i) for n, i in full)]
         apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
         known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in others)
-        return best.evidence > max([SURE, *known, *map(self.apart, apart)])
+        each = [self.each] if len(apart) > 1 else []
+        return best.evidence > max([SURE, *known, *each, *map(self.apart, apart)])
 
     def whole(self, found: Found) -> float:
         """Evidence of what the first order found, with all its numbers if it is the effect of a log."""
@@ -169,19 +171,34 @@ class _Adoption:
         return self.wholly[found.name, found.log]
 
     def apart(self, i: int) -> float:
-        """Evidence that a log is another plate's: what it gains, less log(1 + S^2/C)/2 + d^2/(C + S^2)/2 of
-        each parameter that differs by d with the variance C beside a prior of S^2."""
+        """Evidence that a log is another plate's."""
         if i not in self.contradicting:
             points, whole = self.search.points, range(len(self.search.points.trials))
             parts = [tuple(points.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
             own, rest = (points.minimiser.refine(part, points.alone.theta, LEVEL) for part in parts)
             gained = own.likelihood + rest.likelihood + points.base - float(np.log(len(whole)))
-            for name in (n for n in DIFFER if n in points.names):
-                away, error = apart(own, rest, name, warmth(points.minimiser, parts[0]))
-                std = WARMED * points.alone.half_bandwidth if name == "f0" else UNLIKE
-                gained -= 0.5 * float(np.log1p((std / error) ** 2) + away**2 / (error**2 + std**2))
-            self.contradicting[i] = gained
+            self.contradicting[i] = gained - self.differing(own, rest)
         return self.contradicting[i]
+
+    @cached_property
+    def each(self) -> float:
+        """Evidence that each log is of a plate of its own, one of which is the others'."""
+        points = self.search.points
+        own = [points.minimiser.refine((t,), points.alone.theta, LEVEL) for t in points.trials]
+        cost = [self.differing(s, points.alone) for s in own]
+        return sum(s.likelihood for s in own) + points.base - (sum(cost) - min(cost))
+
+    def differing(self, own: State, rest: State) -> float:
+        """What it costs that a log has parameters of its own, each of which differs from that of others by d
+        with the variance C: beside a prior of S^2 log(1 + S^2/C)/2 + d^2/(C + S^2)/2, or d^2/C/2 as they are
+        the same, and log 2 for which of these."""
+        points, cost = self.search.points, 0.0
+        for name in (n for n in DIFFER if n in points.names):
+            away, error = apart(own, rest, name, warmth(points.minimiser, own.trials))
+            std = WARMED * points.alone.half_bandwidth if name == "f0" else UNLIKE
+            own_cost = float(np.log1p((std / error) ** 2) + away**2 / (error**2 + std**2))
+            cost += 0.5 * min(own_cost, (away / error) ** 2) + float(np.log(2))
+        return cost
 
     def cause(self, best: Description) -> bool:
         """Whether it is what the plant alone leaves: next to nothing is left, or little of what nothing else

@@ -237,7 +237,7 @@ class Minimiser:
             jitters = map(jitter.found, trials, models, courses)
             shares = map(mixed.efficiency, trials, models, courses)
             trials = tuple(
-                replace(t, noise=replace(t.noise, jitter=j, efficiency=t.noise.efficiency * share))
+                replace(t, noise=replace(t.noise, jitter=j, slow=share))
                 for t, j, share in zip(trials, jitters, shares, strict=True)
             )
         # Padding stands behind each group's logs.

@@ -51,13 +51,19 @@ class Noise:
     )  # weight of each row where the noise has outliers
     # information of a row over that of one whose noise is as simple as the weights have it
     efficiency: float = 1.0
+    slow: float = 1.0  # information left beside noise that lasts longer
     jitter: Jitter | None = None  # of its phase
     scatter: float = 0.0  # s, by which the rows' time stamps do, over its level
 
     @property
     def told(self) -> float:
-        """`efficiency`, less what phase noise costs."""
-        return self.efficiency * (self.jitter.left if self.jitter else 1.0)
+        """`efficiency`, less what phase noise and slow noise cost."""
+        return self.efficiency * self.firm
+
+    @property
+    def firm(self) -> float:
+        """What phase noise and slow noise leave, for which a misfit may be taken."""
+        return self.slow * (self.jitter.left if self.jitter else 1.0)
 
     @property
     def coloured(self) -> bool:

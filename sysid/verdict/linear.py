@@ -123,8 +123,8 @@ class Linear:
         self.views, self.names, self.away = views, names, away
         self.reported = carried(away)[np.ix_(index, index)]
         self.covariance = state.covariance
-        # What is left out passes for noise of the phase as well: it is harmful by the errors without that.
-        firm = min((j.left for v in views if (j := v.trial.noise.jitter)), default=1.0)
+        # What is left out passes for such noise as well: it is harmful by the errors without that.
+        firm = min((v.trial.noise.firm for v in views), default=1.0)
         self.std = np.sqrt(
             firm * np.diag(self.reported @ state.spread[np.ix_(index, index)] @ self.reported.T)
         )

@@ -94,7 +94,8 @@ def slow(state: State, i: int) -> bool:
 def least_that_matters(state: State) -> float:
     """Of the response, the part that moves G, tau or f0 out of its 95 % interval: a relative change of G or
     tau changes the response at resonance by as much, one of f0 by 2 pi tau times itself."""
-    error = np.sqrt(np.diag(state.spread)[:3]) * (1.0, 1.0, 2 * np.pi * state.tau)
+    firm = min(t.noise.firm for t in state.trials)
+    error = np.sqrt(firm * np.diag(state.spread)[:3]) * (1.0, 1.0, 2 * np.pi * state.tau)
     claimed = error[error > 0]
     return min(AT_MOST, STRUCTURE * float(np.min(claimed))) if len(claimed) else AT_MOST
 
