@@ -234,7 +234,7 @@ def _asked(
     if unknown := set(nuisances) - set(known):
         raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(known)}")
     reading.check_units(logs)
-    logs, begun = reading.from_onsets(logs)
+    logs, begun = reading.from_onsets(reading.undriven(logs))
     trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", *ADOPTED)))
     warnings = [*begun, *warnings]
     reference, free = reading.reference(trials), reading.free(trials)

@@ -31,6 +31,17 @@ from sysid.verdict.identify import seconds
 UPSIDE_DOWN = 0.7  # of a correlation: half of the response's power is the drive's with its sign turned
 
 
+def undriven(logs: Sequence[Log]) -> tuple[Log, ...]:
+    """The logs, those whose drive is zero throughout as those without a drive: nothing drives either. Settled
+    points of d and q stay, as without a drive they would have a gain of their own."""
+    return tuple(
+        replace(log, drive=None)
+        if log.drive is not None and not np.any(log.drive) and (log.kind == "transient" or log.amplitude_only)
+        else log
+        for log in logs
+    )
+
+
 def from_onsets(logs: Sequence[Log]) -> tuple[tuple[Log, ...], list[str]]:
     """The logs, those of a decay without a recorded drive from the row on where it begins, and a sentence on
     each that begins later than its first."""
