@@ -242,7 +242,9 @@ def test_what_else_a_mapping_without_columns_says(read, refused):
 
 def test_constant_inputs_of_the_metadata_stand_where_the_mapping_says_nothing(read):
     """It was left out with a note, and no temperature was recorded."""
-    above = "# temperature_K: 297.15\n# Frequency [Hz]: 3\n# voltage_V_pp: 4\n# lockin_tau_s: 1\n# delay: 3 us\n"
+    above = (
+        "# temperature_K: 297.15\n# Frequency [Hz]: 3\n# voltage_V_pp: 4\n# lockin_tau_s: 1\n# delay: 3 us\n"
+    )
     (log,) = read(XY, above + TABLE)
     np.testing.assert_allclose(log.temperature, 24.0)
     assert log.drive.tolist() == [2.0] * 3 and log.frequency.tolist() == [100, 200, 400]
