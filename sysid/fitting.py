@@ -12,6 +12,7 @@ from sysid.adoption.adopt import tried
 from sysid.asked import LOG, every, number
 from sysid.effects.registry import ADOPTED, EFFECTS, EVERY
 from sysid.logs.log import Log
+from sysid.logs.together import in_common_units
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.minimum.ridge import unfolded
 from sysid.model.plant import Plant
@@ -233,8 +234,7 @@ def _asked(
     known = (*NUISANCES, *EXTRA, *ADOPTED)
     if unknown := set(nuisances) - set(known):
         raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(known)}")
-    reading.check_units(logs)
-    logs, begun = reading.from_onsets(reading.undriven(logs))
+    logs, begun = reading.from_onsets(reading.undriven(in_common_units(logs)))
     trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", *ADOPTED)))
     warnings = [*begun, *warnings]
     reference, free = reading.reference(trials), reading.free(trials)

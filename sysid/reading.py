@@ -189,15 +189,3 @@ def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
         return trial
     anew = Trial.of(replace(log, sampling=sampling), kind, trial.nuisances)
     return anew.with_bench(start=trial.bench.start)
-
-
-def check_units(logs: Sequence[Log]) -> None:
-    """ValueError, with the log and what was found, where one has other units than the first."""
-    for log in logs:
-        drive = log.drive_unit if log.drive is not None and logs[0].drive is not None else logs[0].drive_unit
-        if (log.response_unit, drive) != (logs[0].response_unit, logs[0].drive_unit):
-            raise ValueError(
-                f"{log.name}: found units {log.response_unit} and {log.drive_unit}, expected"
-                f" {logs[0].response_unit} and"
-                f" {logs[0].drive_unit} as in {logs[0].name}; logs that are read together by read_logs agree"
-            )
