@@ -52,8 +52,8 @@ def temperatures_in_names(logs: list["Log"]) -> list["Log"]:
 
 
 def in_common_units(logs: Sequence["Log"]) -> list["Log"]:
-    """All responses in the first log's unit, and all drives in the first recorded drive's, with a note on each
-    that was in another. Raises LogError where one is of another kind."""
+    """All responses in the first log's unit, and all drives in the first recorded drive's, with a note on
+    each that was in another. Raises LogError where one is of another kind."""
     responses = [_as_first(log, logs[0], "response") for log in logs]
     driven = next((log for log in responses if log.drive is not None), None)
     return [_as_first(log, driven, "drive") if driven and log.drive is not None else log for log in responses]
