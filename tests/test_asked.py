@@ -144,3 +144,9 @@ def test_a_fit_is_told_its_effects_as_the_command_is(joint_fit):
         sysid.fit(log, effects="-late", nuisances=["late"])
     with pytest.raises(ValueError, match='say effects="-late"'):
         sysid.fit(log, nuisances="-late")
+
+
+@pytest.mark.parametrize("budget", [-3, float("nan")])
+def test_a_budget_is_a_time(made, budget):
+    with pytest.raises(ValueError, match=f"found budget = {budget:g}, expected seconds, 0 or more"):
+        sysid.sample(made["fit"], budget=budget)
