@@ -10,8 +10,9 @@ import numpy as np
 from sysid import reading
 from sysid.adoption.adopt import tried
 from sysid.asked import LOG, every, number
-from sysid.effects.registry import ADOPTED, EFFECTS, EVERY
+from sysid.effects.registry import ADOPTED, EFFECTS, EVERY, chosen
 from sysid.logs.log import Log
+from sysid.logs.together import in_common_units
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.minimum.ridge import unfolded
 from sysid.model.plant import Plant
@@ -19,7 +20,7 @@ from sysid.model.prior import Prior, checked
 from sysid.model.theta import Theta
 from sysid.precision import float64, one_thread
 from sysid.trials.extra import EXTRA, with_thermometers
-from sysid.trials.trial import NUISANCES, Trial
+from sysid.trials.trial import Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Average
@@ -43,7 +44,8 @@ WIDER = 1.5  # times the error of G, from which it is that of a feedthrough that
 def fit(
     logs: Log | Sequence[Log],
     *,
-    nuisances: Sequence[str] = EVERY,
+    nuisances: str | Sequence[str] = EVERY,
+    effects: str | Sequence[str] | None = None,
     priors: Mapping[str, tuple[float, float]] | None = None,
     reference_temperature: float = 24.0,
     start: Plant | None = None,
@@ -57,14 +59,15 @@ def fit(
     readings); and, on request, "drift", "lag" and "gain" (see `trials.extra`), and "baseline" (an offset of a
     transient that goes on with the time). Adopted only where the plate alone does not describe the logs:
     "delay", "filter" (of a lock-in that no log states), "dwell", "duffing", "second_mode" and "feedthrough"
-    under an amplitude (see `effects.registry`). `priors`: what is known of the plant beforehand, value and
-    standard deviation by name, for example {"k_T": (-8.0, 1.0)} (see `model.prior`); flat unless stated. What
-    the logs alone do not determine stays undetermined. `start`: a plant to begin from instead of the data.
-    `meanwhile`: is given the best minimum, and the reference (Hz, degC) of its offsets, before the fit looks
-    for what the model leaves out. Raises ValueError without logs, for an unknown nuisance, or for a prior
-    that is none; TypeError for what are no logs."""
+    under an amplitude (see `effects.registry`). `effects`: in the place of these what the command's --effects
+    takes, "-late" (the usual ones without it), "-delay,+drift", "rotation,offset" or "none". `priors`: what
+    is known of the plant beforehand, value and standard deviation by name, as in {"k_T": (-8.0, 1.0)} (see
+    `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined. `start`: a
+    plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz,
+    degC) of its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs,
+    for an unknown nuisance, or for a prior that is none; TypeError for what are no logs."""
     logs = every("logs", logs, Log, LOG)
-    nuisances = (nuisances,) if isinstance(nuisances, str) else nuisances
+    nuisances = _named(nuisances, effects)
     reference_temperature = number("reference_temperature", reference_temperature)
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     minimiser, best = question.minimiser, states[0]
@@ -84,6 +87,22 @@ def fit(
     if found.result is Result.successful and "late" in nuisances:
         found = _spanning(question, found)
     return replace(_together(question, found) if found.result is Result.successful else found, judged=None)
+
+
+def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) -> tuple[str, ...]:
+    """What may be fitted besides the plate. Raises ValueError where both state it, or for names unknown."""
+    if effects is not None:
+        if nuisances is not EVERY:
+            raise ValueError("found nuisances beside effects, expected one of them: both name what is fitted")
+        return chosen(effects)
+    nuisances = (nuisances,) if isinstance(nuisances, str) else tuple(nuisances)
+    known = (*EVERY, *EXTRA)
+    if unknown := set(nuisances) - set(known):
+        more = (
+            '; with + or - before a name, say effects="-late"' if any(n[:1] in "+-" for n in unknown) else ""
+        )
+        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(known)}{more}")
+    return nuisances
 
 
 def _called_for(judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
@@ -230,11 +249,7 @@ def _asked(
     tau."""
     if not logs:
         raise ValueError("no logs to fit")
-    known = (*NUISANCES, *EXTRA, *ADOPTED)
-    if unknown := set(nuisances) - set(known):
-        raise ValueError(f"unknown nuisance {sorted(unknown)}; known are {', '.join(known)}")
-    reading.check_units(logs)
-    logs, begun = reading.from_onsets(logs)
+    logs, begun = reading.from_onsets(reading.undriven(in_common_units(logs)))
     trials, warnings = reading.trials(logs, tuple(n for n in nuisances if n not in ("thermometer", *ADOPTED)))
     warnings = [*begun, *warnings]
     reference, free = reading.reference(trials), reading.free(trials)

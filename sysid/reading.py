@@ -31,6 +31,17 @@ from sysid.verdict.identify import seconds
 UPSIDE_DOWN = 0.7  # of a correlation: half of the response's power is the drive's with its sign turned
 
 
+def undriven(logs: Sequence[Log]) -> tuple[Log, ...]:
+    """The logs, those whose drive is zero throughout as those without a drive: nothing drives either. Settled
+    points of d and q stay, as without a drive they would have a gain of their own."""
+    return tuple(
+        replace(log, drive=None)
+        if log.drive is not None and not np.any(log.drive) and (log.kind == "transient" or log.amplitude_only)
+        else log
+        for log in logs
+    )
+
+
 def from_onsets(logs: Sequence[Log]) -> tuple[tuple[Log, ...], list[str]]:
     """The logs, those of a decay without a recorded drive from the row on where it begins, and a sentence on
     each that begins later than its first."""
@@ -178,15 +189,3 @@ def read_as(trial: Trial, sampling: str | None, tau: float) -> Trial:
         return trial
     anew = Trial.of(replace(log, sampling=sampling), kind, trial.nuisances)
     return anew.with_bench(start=trial.bench.start)
-
-
-def check_units(logs: Sequence[Log]) -> None:
-    """ValueError, with the log and what was found, where one has other units than the first."""
-    for log in logs:
-        drive = log.drive_unit if log.drive is not None and logs[0].drive is not None else logs[0].drive_unit
-        if (log.response_unit, drive) != (logs[0].response_unit, logs[0].drive_unit):
-            raise ValueError(
-                f"{log.name}: found units {log.response_unit} and {log.drive_unit}, expected"
-                f" {logs[0].response_unit} and"
-                f" {logs[0].drive_unit} as in {logs[0].name}; logs that are read together by read_logs agree"
-            )

@@ -23,7 +23,7 @@ shown
 tables     densities units textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound store
            hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
-columns    preset plan signal mapping mapfile labels factors survey roles draft found metadata unknown synonyms owntimes header
+columns    preset plan metadata signal mapping mapfile labels factors survey roles draft found unknown synonyms owntimes header
 demodulation  lockin switched carrier waveform
 logs       capture opening missing filled stated parted timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare

@@ -8,6 +8,8 @@ import pytest
 import controller
 import sysid
 from sysid.asked import every, given, number
+from sysid.command.arguments import effects as commanded
+from sysid.effects.registry import EVERY, chosen
 
 LOG, FIT, LOOP = (
     "expected a Log, of those that sysid.read_logs",
@@ -112,3 +114,39 @@ def test_numbers_of_all_libraries_are_numbers():
         assert number("x", value) == 1.0
     assert every("x", (2, 3), int, "whole numbers") == [2, 3] and every("x", 2, int, "whole numbers") == [2]
     given("x", None, int | None, "a whole number, or nothing")
+
+
+@pytest.mark.parametrize(
+    ("effects", "names"),
+    [
+        ("-late", set(EVERY) - {"late"}),
+        ("-late,+drift", set(EVERY) - {"late"} | {"drift"}),
+        (["-late", "+drift"], set(EVERY) - {"late"} | {"drift"}),
+        (("rotation", "offset"), {"rotation", "offset"}),
+        ("none", set()),
+        ([], set()),
+    ],
+)
+def test_effects_are_named_as_by_the_command(effects, names):
+    assert set(chosen(effects)) == names
+    if isinstance(effects, str):
+        assert commanded(effects) == chosen(effects)
+
+
+def test_a_fit_is_told_its_effects_as_the_command_is(joint_fit):
+    log = joint_fit("plate").logs[0].log
+    told = sysid.fit(log, effects="rotation,offset")
+    assert told.modes[0].trials[0].nuisances == ("rotation", "offset")
+    assert told.parameters["tau"] == sysid.fit(log, nuisances=["rotation", "offset"]).parameters["tau"]
+    with pytest.raises(ValueError, match="found lat, expected some of rotation"):
+        sysid.fit(log, effects="-lat")
+    with pytest.raises(ValueError, match="expected one of them"):
+        sysid.fit(log, effects="-late", nuisances=["late"])
+    with pytest.raises(ValueError, match='say effects="-late"'):
+        sysid.fit(log, nuisances="-late")
+
+
+@pytest.mark.parametrize("budget", [-3, float("nan")])
+def test_a_budget_is_a_time(made, budget):
+    with pytest.raises(ValueError, match=f"found budget = {budget:g}, expected seconds, 0 or more"):
+        sysid.sample(made["fit"], budget=budget)

@@ -292,6 +292,20 @@ class TestGroups:
         assert "does not fit" in found[-1].refused
         assert names == {"A7": ["x_A7_step.csv", "x_A7_sweep.csv"], "A8": ["x_A8_step.csv"]}
 
+    def test_what_a_pattern_leaves_out_of_another_kind_is_no_plate(self, tmp_path):
+        """It was an odd one, as a note beside its logs."""
+        self.files(tmp_path, "A7_step.csv", "A8_step.csv", "bad.csv", "ports.txt")
+        aside = []
+        found = self.named(grouped([tmp_path], r"(A\d+)_", aside=aside))
+        assert [*found] == ["A7", "A8", str(tmp_path / "bad.csv")] and aside == [str(tmp_path / "ports.txt")]
+        named = grouped([tmp_path / "A7_step.csv", tmp_path / "ports.txt"], r"(A\d+)_", aside=aside)
+        assert "does not fit" in named[1].refused and len(aside) == 1
+
+    def test_a_folder_that_is_not_there_is_refused(self, tmp_path):
+        """It was one odd plate."""
+        with pytest.raises(sysid.LogError, match="nothing_here: found no such file or folder"):
+            grouped([tmp_path / "nothing_here"], "plate")
+
     def test_results_beside_the_logs_are_none(self, tmp_path):
         self.files(tmp_path, "a.csv", "fleet/fleet.csv", "fleet/parts/b.csv")
         assert self.named(grouped([tmp_path], "(.)", beside=tmp_path / "fleet")) == {"a": ["a.csv"]}

@@ -59,7 +59,7 @@ def test_the_command_lists_them_beside_the_broken_log(tmp_path, capsys):
     (logs / "readme.txt").write_text(NOTE)
     assert main([str(logs), "-o", str(tmp_path / "fleet"), "--jobs", "1"]) == 1
     said = capsys.readouterr().out
-    assert f"left out, no table in it: {logs / 'readme.txt'}" in " ".join(said.split())
+    assert f"left out, no log of a plate: {logs / 'readme.txt'}" in " ".join(said.split())
     table = pd.read_csv(tmp_path / "fleet" / "fleet.csv")
     assert list(table["plate"]) == ["P9"]
     assert "'x'" in table["error"].iloc[0]

@@ -149,3 +149,19 @@ def test_examples_in_docstrings_are_true(module):
 
     found = doctest.testmod(importlib.import_module(module), extraglobs={"np": np, "sysid": sysid})
     assert found.failed == 0 and found.attempted > 0
+
+
+def test_a_masked_number_is_no_number():
+    """Its value was read as if it were there."""
+    frequency = np.linspace(32000.0, 32600.0, 61)
+    response = 2 / (1 + 2j * np.pi * (frequency - 32300) * 1.67e-3)
+    gone = np.arange(61) == 3
+    with pytest.raises(LogError, match=r"log, row 3 \(counted from 0\): found response masked"):
+        Log.from_arrays(np.ma.masked_array(response, gone), frequency=frequency, drive=100.0)
+    with pytest.raises(LogError, match="found temperature masked"):
+        Log.from_arrays(response, frequency=frequency, temperature=np.ma.masked_array(frequency, gone))
+    columns = {"frequency_Hz": frequency, "wd_um": response.real, "wq_um": response.imag}
+    log = Log.from_frame(columns | {"wd_um": np.ma.masked_array(response.real, gone)}, voltage_V=100)
+    assert log.response.tolist() == response[~gone].tolist() and "1 of 61 rows left out" in log.notes[0]
+    whole = Log.from_arrays(np.ma.masked_array(response), frequency=frequency, drive=100.0)
+    assert whole.response.tolist() == response.tolist()

@@ -240,12 +240,38 @@ def test_what_else_a_mapping_without_columns_says(read, refused):
     refused("phase_sign = -1\n", "no response", "columns such as wd_um and wq_um")
 
 
-def test_constant_inputs_of_the_metadata_that_columns_do_not_name_are_noted(read):
-    above = "# temperature_degC: 24\n# Frequency [Hz]: 3\n# lockin_tau_s: 1\n# delay: 3 us\n"
+def test_constant_inputs_of_the_metadata_stand_where_the_mapping_says_nothing(read):
+    """It was left out with a note, and no temperature was recorded."""
+    above = (
+        "# temperature_K: 297.15\n# Frequency [Hz]: 3\n# voltage_V_pp: 4\n# lockin_tau_s: 1\n# delay: 3 us\n"
+    )
     (log,) = read(XY, above + TABLE)
-    assert log.temperature is None
-    assert [note.partition(" is not used: ")[0] for note in log.notes] == ["metadata 'temperature_degC'"]
+    np.testing.assert_allclose(log.temperature, 24.0)
+    assert log.drive.tolist() == [2.0] * 3 and log.frequency.tolist() == [100, 200, 400]
+    assert log.bench == {"lockin_tau_s": 1.0}
+    assert [note.partition(": ")[0] for note in log.notes] == [
+        "metadata 'temperature_K' is read as the temperature",
+        "metadata 'voltage_V_pp' is read as the voltage",
+    ]
     assert log.warnings == ("log.csv: metadata 'delay' is not used; did you mean 'delay_us'?",)
+    (log,) = read(XY + '[constants]\ntemperature = "20 degC"\nvoltage = "1 V"\n', above + TABLE)
+    assert (log.drive[0], log.temperature[0], log.notes) == (1.0, 20.0, ())
+
+
+def test_metadata_that_hold_no_number_stay_no_error(read):
+    (log,) = read(XY, "# temperature_degC: room\n" + TABLE)
+    assert log.temperature is None
+    assert log.notes[0].startswith("metadata 'temperature_degC' is not used: found 'room', expected a finite")
+
+
+def test_an_admittance_is_that_of_the_voltage_that_the_file_states(read):
+    """Of an impedance the current is that of 1 V, whatever drove it."""
+    siemens = XY.replace("displacement", "current")
+    for name in ("X_V", "Y_V"):
+        siemens = siemens.replace(f'"{name}"', f'{{ column = "{name}", unit = "S" }}')
+    stated, plain = (read(siemens, above + TABLE)[0] for above in ("# voltage_V: 2\n", ""))
+    assert (stated.drive[0], plain.drive[0]) == (2.0, 1.0)
+    np.testing.assert_allclose(stated.response / stated.drive, plain.response / plain.drive)
 
 
 # Which rows

@@ -1,8 +1,11 @@
 """Metadata whose numbers have a unit behind them, beside the one in their key: the truth is arithmetic."""
 
+import numpy as np
 import pytest
+import reference
 from refusal import refused
 
+import sysid
 from sysid.logs.read import read_logs
 
 ROWS = "time_s,wd_um,wq_um\n" + "".join(f"{k / 1000:g},{k},{2 * k}\n" for k in range(1, 9))
@@ -71,3 +74,40 @@ def test_a_sample_rate_with_its_unit(save):
 def test_another_unit_is_refused_with_what_to_do(save, stated, words):
     key, _, text = stated.partition(": ")
     refused(save(f"# {stated}\n{ROWS}"), f"metadata {key!r}: found {text!r}", words)
+
+
+def test_lengths_in_different_units_are_read_in_the_first(save):
+    """25.4 um are a mil, which the library of units takes for an angle."""
+    first, second, third = read_logs(
+        [
+            save("frequency_Hz,wd_um,wq_um\n1,25.4,0\n2,0,25.4\n", "a.csv"),
+            save("# voltage_V: 1\nfrequency_Hz,wd_mil,wq_mil\n1,1,0\n2,0,1\n3,0,2\n", "b.csv"),
+            save("# voltage_kV: 1\nfrequency_Hz,w_mm\n1,0.0254\n2,0.0254\n3,0\n", "c.csv"),
+        ]
+    )
+    np.testing.assert_allclose(second.response[:2], first.response, rtol=1e-12)
+    np.testing.assert_allclose(third.response, [25.4, 25.4, 0], rtol=1e-12)
+    assert {log.response_unit for log in (first, second, third)} == {"um"} and third.drive[0] == 1000
+    assert second.notes == (f"its response in mil is read in um, the unit of {first.path}",)
+    assert [note.split(" is read")[0] for note in third.notes] == ["its response in mm", "its drive in kV"]
+
+
+def test_logs_that_were_read_apart_are_fitted_in_the_unit_of_the_first():
+    """It was a refusal; G has that unit."""
+    plant = reference.Plant(0.02, 1.67e-3, 32300.0, 0.0)
+    frequency = plant.f0 + np.linspace(-300, 300, 41)
+    rows = [
+        reference.steady(plant, v, frequency, 24.0) + reference.noise(41, 0.002, int(v)) for v in (80, 40)
+    ]
+    um, other = (
+        sysid.Log.from_arrays(y, drive=v, frequency=frequency)
+        for y, v in zip(rows, (80.0, 40.0), strict=True)
+    )
+    mm = sysid.Log.from_arrays(1e-3 * rows[1], drive=40.0, frequency=frequency, response_unit="mm")
+    found, alike = sysid.fit([um, mm]).parameters["G"], sysid.fit([um, other]).parameters["G"]
+    assert found.unit == "um/V" and abs(found.value - plant.G) < 4 * found.std
+    assert found.value == pytest.approx(alike.value, rel=1e-6)
+    inverse = sysid.fit([mm, um]).parameters["G"]
+    assert inverse.unit == "mm/V" and inverse.value == pytest.approx(1e-3 * found.value, rel=1e-6)
+    with pytest.raises(ValueError, match="found the response in V, expected a unit such as um as in log"):
+        sysid.fit([um, sysid.Log.from_arrays(rows[1], drive=40.0, frequency=frequency, response_unit="V")])

@@ -14,7 +14,7 @@ from sysid.columns.factors import not_applied
 from sysid.columns.found import completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
-from sysid.columns.metadata import rate_key, refuse_repeated, sample_rate, stated
+from sysid.columns.metadata import rate_key, refuse_repeated, sample_rate, stated, stated_constant
 from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
@@ -26,7 +26,6 @@ from sysid.columns.synonyms import (
     is_called_time,
     is_waveform,
     refuse_misspelt,
-    stated_constant,
 )
 from sysid.columns.unknown import drafted, not_understood
 from sysid.tables import units

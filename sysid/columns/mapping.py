@@ -41,8 +41,8 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     [units]                             # of columns that are found, and whose heads state none
     time = "s"
 
-    [constants]                         # what was constant and is not in the file; peak, unless the unit says
-                                        # `V_rms`
+    [constants]                         # what was constant and no column; peak, unless the unit says `V_rms`.
+                                        # It goes before what the file's own metadata state (temperature_degC)
     voltage = "1 V"
     temperature = "20 degC"
 
@@ -85,7 +85,8 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.plan import ANGLES, Plan, Source, drive_as, is_absent, per_drive
+from sysid.columns.metadata import constants_beside
+from sysid.columns.plan import ANGLES, Plan, Source, drive_as, per_drive
 from sysid.tables import units
 from sysid.tables.cells import Dialect, listed, to_number
 from sysid.tables.csvfile import Head, LogError
@@ -120,17 +121,6 @@ class MappingFile:
         """The error that names this file and one of its keys, to raise."""
         return LogError(f"{self.path}, {key}: {message}")
 
-    def _not_read(self, metadata: Mapping[str, str], sources: Mapping[str, Source]) -> list[str]:
-        """A note on each constant input of the metadata that [columns] and [constants] lack: they name all
-        inputs there are."""
-        named = {key: units.parse_name(key) for key in metadata if units.is_key(key)}
-        lost = [
-            key for key, name in named.items() if name and name.unit and is_absent(name.quantity, sources)
-        ]
-        return [
-            f"metadata {key!r} is not used: {self.path} does not say it under [constants]" for key in lost
-        ]
-
     @property
     def names_columns(self) -> bool:
         """Whether it says which column is which; else the file's own names hold."""
@@ -157,11 +147,13 @@ class MappingFile:
         } | self._constants()
         quantity, metadata = self.options.get("quantity"), self.metadata(head)
         assumed: tuple[str, ...] = ()
-        sources = self._of_one_volt(sources) if quantity in RATIOS else self._of_its_drive(sources)
+        sources = self._of_one_volt(sources) if quantity in RATIOS else sources
+        told, read = constants_beside(head, metadata, sources, self.path)
+        sources = sources | told if quantity in RATIOS else self._of_its_drive(sources | told)
         if quantity in SCATTERED:
             place, assumed = placed(head.path, quantity, metadata)
             metadata = metadata | place
-        notes = (*head.notes, *self._notes(sources), *self._not_read(metadata, sources), *assumed)
+        notes = (*head.notes, *self._notes(sources), *read, *assumed)
         return self._told(Plan(sources, metadata, notes=notes), head)
 
     def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
+from sysid.columns.plan import Source, is_absent
 from sysid.tables import units
 from sysid.tables.cells import amount, to_number
 from sysid.tables.csvfile import Head, LogError
@@ -69,3 +71,30 @@ def written_number(head: Head, key: str, text: str, name: units.Name | None) -> 
             f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number{unit}{alone}"
         )
     return number, digits
+
+
+def stated_constant(head: Head, key: str, text: str, name: units.Name | None) -> Source:
+    """The source of an input that the metadata state under `key`, which says what `name` has."""
+    number, written = written_number(head, key, text, name)
+    return Source(f"metadata {key!r}", "", constant=number, written=written)
+
+
+def constants_beside(
+    head: Head, metadata: Mapping[str, str], sources: Mapping[str, Source], path: str
+) -> tuple[dict[str, Source], list[str]]:
+    """The constant inputs that the metadata state and the mapping file at `path`, which has `sources`, does
+    not, and a note on each; where it is no number, on why it is not used."""
+    found: dict[str, Source] = {}
+    notes = []
+    for key, text in metadata.items():
+        name = units.parse_name(key) if units.is_key(key) else None
+        if name is None or not name.unit or not is_absent(name.quantity, {**sources, **found}):
+            continue
+        try:
+            source = stated_constant(head, key, text, name)
+        except LogError as error:
+            notes.append(f"metadata {key!r} is not used: {str(error).rpartition(': ')[2]}")
+            continue
+        found[name.quantity] = replace(source, unit=name.unit, amplitude=name.amplitude)
+        notes.append(f"metadata {key!r} is read as the {name.quantity}: {path} does not say it")
+    return found, notes

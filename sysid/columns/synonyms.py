@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from sysid.columns.labels import INPUTS, folded
-from sysid.columns.metadata import stated, written_number
+from sysid.columns.metadata import stated, stated_constant
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
 from sysid.tables import units
@@ -50,12 +50,6 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
             add_source(head, sources, label, stated_constant(head, key, value, units.parse_name(label)))
             notes.append(f"metadata {key!r} is read as {quantity}")
     return notes
-
-
-def stated_constant(head: Head, key: str, text: str, name: units.Name | None) -> Source:
-    """The source of an input that the metadata state under `key`, which says what `name` has."""
-    number, written = written_number(head, key, text, name)
-    return Source(f"metadata {key!r}", "", constant=number, written=written)
 
 
 def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) -> str | None:

@@ -200,22 +200,13 @@ def seed(text: str) -> int:
 
 
 def effects(text: str) -> tuple[str, ...]:
-    """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`."""
-    from sysid.effects.registry import EVERY
-    from sysid.trials.extra import EXTRA
+    """Names of effects, as `effects` of `sysid.fit` takes them."""
+    from sysid.effects.registry import chosen
 
-    known = (*EVERY, *EXTRA)
-    names = [] if text == "none" else [name.strip() for name in text.split(",")]
-    if unknown := {name[1:] if name[:1] in ("+", "-") else name for name in names} - set(known):
-        raise argparse.ArgumentTypeError(
-            f"found {', '.join(sorted(unknown)) or 'nothing'}, expected some of {', '.join(known)}, or none"
-        )
-    changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
-    if changed and len(changed) < len(names):
-        raise argparse.ArgumentTypeError(
-            f"found {text}, expected names alone, or each with a minus or a plus before it"
-        )
-    return tuple(name for name in known if (changed.get(name, name in EVERY) if changed else name in names))
+    try:
+        return chosen(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def prior(text: str) -> tuple[str, tuple[float, float]]:

@@ -1,5 +1,7 @@
 """All effects that a fit may adopt, in the order in which they act on a log."""
 
+from collections.abc import Iterable
+
 from sysid.effects.beside import FEEDTHROUGH, SLOPE, TONE_BESIDE
 from sysid.effects.blur import BLUR
 from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST, SCATTER
@@ -17,6 +19,7 @@ from sysid.effects.mode import SECOND_MODE, SECOND_POLE
 from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, CURVED, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.effects.stretch import STRETCH
+from sysid.trials.extra import EXTRA
 from sysid.trials.trial import NUISANCES
 
 EFFECTS: tuple[Effect, ...] = (
@@ -56,3 +59,19 @@ EFFECTS: tuple[Effect, ...] = (
 )
 ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for
 EVERY = (*NUISANCES, *ADOPTED)  # unless less is asked for
+
+
+def chosen(text: str | Iterable[str]) -> tuple[str, ...]:
+    """`rotation,late`: those alone; `-late,+drift`: the usual ones without one and with another; `none`; in
+    one text or in several. Raises ValueError for others."""
+    known = (*EVERY, *EXTRA)
+    text = text if isinstance(text, str) else ",".join(text) or "none"
+    names = [] if text == "none" else [name.strip() for name in text.split(",")]
+    if unknown := {name[1:] if name[:1] in ("+", "-") else name for name in names} - set(known):
+        raise ValueError(
+            f"found {', '.join(sorted(unknown)) or 'nothing'}, expected some of {', '.join(known)}, or none"
+        )
+    changed = {name[1:]: name[0] == "+" for name in names if name[0] in "+-"}
+    if changed and len(changed) < len(names):
+        raise ValueError(f"found {text}, expected names alone, or each with a minus or a plus before it")
+    return tuple(name for name in known if (changed.get(name, name in EVERY) if changed else name in names))

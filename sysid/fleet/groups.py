@@ -53,8 +53,8 @@ def grouped(
     plate; or one sequence of files, folders and Logs, parted `by` what they state.
 
     `beside`: a folder of results, whose files are no logs; `aside` gets the files of folders that hold no
-    table. Raises LogError where there is nothing to fit, or
-    two plates have one name, ValueError for a `by` that is none.
+    table, or that a pattern leaves out. Raises LogError where there is nothing to fit, or two plates have one
+    name, ValueError for a `by` that is none.
     """
     if isinstance(groups, Mapping):
         return _distinct([Group(str(name), _several(logs)) for name, logs in groups.items()])
@@ -109,6 +109,7 @@ def parted(
         except LogError as error:  # a row of its own: a file that cannot be read states no plate
             refused.append(Group(str(item), (item,), str(error)))
     _check(found, nameless, strange, by)
+    strange = _of_their_kind(strange, found, given, aside)
     refused = [replace(g, plate=f"{g.plate} in {g.logs[0]}") if g.plate in found else g for g in refused]
     refused += [Group(_called(item), (item,), _nameless(item)) for item in nameless]
     refused += [
@@ -140,6 +141,8 @@ def _files(
             yield item, None
             continue
         for path in expanded([item]):
+            if not os.path.lexists(path):
+                raise LogError(f"{path}: found no such file or folder, expected logs, or a folder of logs")
             root = Path(path) if os.path.isdir(path) else None
             files = [path] if root is None else within(root, beside)
             notes = {
@@ -214,6 +217,25 @@ def _called(item: Given) -> str:
 
 def _nameless(item: Given) -> str:
     return f"{_called(item)}: found no plate, expected its name above the header, as in `# plate: A7`"
+
+
+def _of_their_kind(
+    strange: Sequence[Given], found: Mapping[str, Sequence[Given]], given: Sequence[Given], aside: list[str]
+) -> list[Given]:
+    """Those whose names do not fit that may be logs all the same: they were named, or end as a log does whose
+    name fits. `aside` gets the others, which a folder holds beside its logs."""
+    ours = {_ending(log) for logs in found.values() for log in logs}
+    named = {item if isinstance(item, Log) else str(item) for item in given}
+    held = [item for item in strange if (item if isinstance(item, Log) else str(item)) not in named]
+    others = [item for item in held if _ending(item) not in ours]
+    aside += map(_called, others)
+    return [item for item in strange if item not in others]
+
+
+def _ending(item: Given) -> str:
+    """Of a file's name, as of its kind; "" of a log without one."""
+    found = re.search(ENDINGS, item.path if isinstance(item, Log) else str(item), re.IGNORECASE)
+    return found[0].casefold() if found else ""
 
 
 def _check(found: Mapping[str, Any], nameless: Sequence[Given], strange: Sequence[Given], by: str) -> None:

@@ -47,7 +47,7 @@ def one(value: float, std: float, unit: str) -> str:
 def said(frame: pd.DataFrame) -> list[str]:
     """Sentences on the lot."""
     told, aside = frame.attrs["lot"], frame.attrs.get("left_out")
-    left = [f"left out, no table in it: {listed(aside)}"] if aside else []
+    left = [f"left out, no log of a plate: {listed(aside)}"] if aside else []
     if not told["judged"]:
         return [*left, f"too few plates to be judged as a lot: {FEWEST} that are identified are needed"]
     each = f"of all {told['judged']} plates chance alone makes {told['alarms']:g} odd on the average"

@@ -27,7 +27,7 @@ def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
     store = Store(name, "a table")
     store.constants = {key: str(value) for key, value in {**getattr(table, "attrs", {}), **constants}.items()}
     for column in table:
-        store.add("", str(column), np.asarray(table[column]))
+        store.add("", str(column), _empty(table[column]))
     head = store.head(Dialect())
     head = dataclasses.replace(head, sheet=dataclasses.replace(head.sheet, sha256=""))
     with np.errstate(all="ignore"):  # the log refuses what is not finite
@@ -40,8 +40,29 @@ def of_table(table: Any, name: str, constants: Mapping[str, Any]) -> Log:
     return dataclasses.replace(found[0], name=name, path="", sha256="")
 
 
+def _empty(column: Any) -> np.ndarray:
+    """A column of a table, its masked numbers as those of empty cells."""
+    masked = isinstance(column, np.ma.MaskedArray) and np.ma.is_masked(column)
+    if not masked or column.dtype.kind not in "biufc":
+        return np.asarray(column)
+    return column.astype(np.result_type(column.dtype, np.float64)).filled(np.nan)
+
+
+def _unmasked(name: str, key: str, values: Any) -> Any:
+    """Values that are all there. Raises LogError for masked ones: arrays have no rows to leave out."""
+    if not np.ma.is_masked(values):
+        return values
+    row = int(np.argmax(np.ma.getmaskarray(values)))
+    do = "leave the row out of all arrays, or give Log.from_frame the columns, as whose empty cell it counts"
+    raise LogError(f"{name}, row {row} (counted from 0): found {key} masked, expected a number; {do}")
+
+
 def of_arrays(response: Any, name: str, fields: Mapping[str, Any]) -> Log:
     """The log of arrays, numbers spread over its rows."""
+    response = _unmasked(name, "response", response)
+    fields = {
+        key: _unmasked(name, key, values) if key in SERIES else values for key, values in fields.items()
+    }
     rows = len(np.atleast_1d(response))
     series = {
         key: np.full(rows, value) for key, value in fields.items() if key in SERIES and np.ndim(value) == 0
@@ -69,6 +90,7 @@ def _driven(log: Log) -> Log:
 
 def of_waveform(drive: Any, response: Any, rate: float, name: str, constants: Mapping[str, Any]) -> Log:
     """The log of samples."""
+    drive, response = _unmasked(name, "drive", drive), _unmasked(name, "response", response)
     drive, response = np.asarray(drive, float), np.asarray(response, float)
     if drive.ndim != 1 or drive.shape != response.shape:
         raise LogError(

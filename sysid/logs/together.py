@@ -2,7 +2,8 @@
 
 import dataclasses
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from sysid.columns.metadata import stated
 from sysid.tables import units
@@ -50,8 +51,9 @@ def temperatures_in_names(logs: list["Log"]) -> list["Log"]:
     return [dataclasses.replace(logs[0], warnings=(*logs[0].warnings, warning)), *logs[1:]]
 
 
-def in_common_units(logs: list["Log"]) -> list["Log"]:
-    """All responses in the first log's unit, and all drives in the first recorded drive's."""
+def in_common_units(logs: Sequence["Log"]) -> list["Log"]:
+    """All responses in the first log's unit, and all drives in the first recorded drive's, with a note on
+    each that was in another. Raises LogError where one is of another kind."""
     responses = [_as_first(log, logs[0], "response") for log in logs]
     driven = next((log for log in responses if log.drive is not None), None)
     return [_as_first(log, driven, "drive") if driven and log.drive is not None else log for log in responses]
@@ -61,11 +63,17 @@ def _as_first(log: "Log", first: "Log", what: str) -> "Log":
     unit, wanted = getattr(log, f"{what}_unit"), getattr(first, f"{what}_unit")
     if unit == wanted:
         return log
+    theirs = first.path or first.name
     if "duty" in (unit, wanted) or not units.same_kind(unit, wanted):
         raise LogError(
-            f"{log.path}: found the {what} in {unit}, expected a unit such as {wanted} as in {first.path}"
+            f"{log.path or log.name}: found the {what} in {unit}, expected a unit such as {wanted} as in"
+            f" {theirs}"
         )
-    changed = {what: units.convert(getattr(log, what), unit, wanted), f"{what}_unit": wanted}
+    changed: dict[str, Any] = {
+        what: units.convert(getattr(log, what), unit, wanted),
+        f"{what}_unit": wanted,
+        "notes": (*log.notes, f"its {what} in {unit} is read in {wanted}, the unit of {theirs}"),
+    }
     if what == "response" and log.std is not None:
-        changed["std"] = units.convert(log.std, unit, wanted)
+        changed["std"] = units.convert(log.std, unit, wanted) - units.convert(0.0, unit, wanted)
     return dataclasses.replace(log, **changed)

@@ -228,7 +228,9 @@ class Minimiser:
             cost += float(self.prior.cost(theta))
             steps.kept(left, whole, moved)
             change, last, k, unmoved = abs(last - cost), cost, k + 1, max(moved, left) < ROUNDED
-            converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and left < NEAR)
+            # Where a derivative vanishes, `left` counts what no step gains: a search that goes nowhere tells.
+            lowest = left < NEAR or bool(far and np.isfinite(left) and np.array_equal(theta, first))
+            converged = bool(moved < 0.02 and change < 1e-3 + 1e-9 * abs(cost) and lowest)
             if k == rounds.most or (
                 converged and max(change, 0.0 if whole is None else left) < DONE + 1e-13 * abs(cost)
             ):

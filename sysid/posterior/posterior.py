@@ -195,10 +195,13 @@ def sample(
 
     `budget`: seconds; the best rung that ends within them, up to `accuracy`; the first is always there.
     `starting`: seconds to allow for loading emcee where the program has not done it. A parameter about which
-    the logs say nothing is held where the fit left it. The same seed and accuracy give the same draws.
+    the logs say nothing is held where the fit left it. The same seed and accuracy give the same draws. Raises
+    ValueError for a budget that is no time.
     """
     given("fit", fit, Fit, FIT)
-    until = np.inf if budget is None else perf_counter() + number("budget", budget)
+    if budget is not None and not number("budget", budget) >= 0:
+        raise ValueError(f"found budget = {budget:g}, expected seconds, 0 or more")
+    until = np.inf if budget is None else perf_counter() + budget
     first, *higher = up_to(accuracy or ("standard" if budget is None else "exact"))
     begun = perf_counter()
     target = Target(fit, seed=seed)

@@ -98,6 +98,7 @@ _CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, 
 _ALIASES = {
     "%": "percent", "pct": "percent", "°C": "degC", "°F": "degF",
     "tr/min": "rpm", "U/min": "rpm", "rev/min": "rpm",  # of French, of German
+    "mil": "thou", "mils": "thou",  # of an inch: for the library it is an angle
 }  # fmt: skip
 # Units written out, in one or more, with or without a capital, and their signs.
 _FULL = {

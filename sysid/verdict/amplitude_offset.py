@@ -21,6 +21,7 @@ import numpy as np
 
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model import rice
+from sysid.model.theta import NAMES
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, with_noise
@@ -118,9 +119,29 @@ def _fitted(minimiser: Minimiser, state: State, i: int, rest: _Rest) -> State:
         )
         return _with(state.trials, i, with_noise(new, rest.noise, 0.0))
 
-    best = min((minimiser.refine(begun(turn), state.theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
-    late = replace(best.trials[i], nuisances=trial.nuisances)
-    return minimiser.refine(_with(best.trials, i, late), best.theta, ESTIMATED)
+    def ended(to: Minimiser, theta: np.ndarray) -> State:
+        best = min((to.refine(begun(turn), theta, ROUNDS) for turn in TURNS), key=lambda s: s.cost)
+        late = replace(best.trials[i], nuisances=trial.nuisances)
+        return minimiser.refine(_with(best.trials, i, late), best.theta, ESTIMATED)
+
+    ends = [ended(*way) for way in ((minimiser, state.theta), *_in_tune(minimiser, state))]
+    return min(ends, key=lambda s: s.cost + WORTH * (not s.converged))
+
+
+def _in_tune(minimiser: Minimiser, state: State) -> list[tuple[Minimiser, np.ndarray]]:
+    """Of decays that show their resonance only by how it beats with an offset, so that without one f0 is
+    anywhere: the same with the resonance held at their frequency."""
+    resonant = [t for t in state.trials if t.resonant]
+    if "f0" not in minimiser.free or not all(_decays(t) for t in resonant):
+        return []
+    tuned = state.theta.copy()
+    tuned[NAMES.index("f0")] = float(np.mean(resonant[0].log.frequency)) - minimiser.reference[0]
+    return [(replace(minimiser, free=tuple(n for n in minimiser.free if n != "f0")), tuned)]
+
+
+def _decays(trial: Trial) -> bool:
+    """An amplitude that nothing drives."""
+    return trial.log.amplitude_only and not (trial.steady or trial.driven)
 
 
 def _with(trials: Sequence[Trial], i: int, trial: Trial) -> tuple[Trial, ...]:

@@ -118,7 +118,7 @@ def _fit(question: FitProblem, states: Sequence[State]) -> Fit:
         reference_temperature=at,
         logs=beside(best),
         warnings=(),
-        units=_units(best.trials[0].log),
+        units=_units([t.log for t in best.trials]),
         modes=tuple(states),
         reference=reference,
         priors=question.stated,
@@ -287,8 +287,9 @@ def _believed(fit: Fit, reference_temperature: float) -> list[str]:
     return said
 
 
-def _units(log: Log) -> dict[str, str]:
-    gain = log.response_unit if log.drive is None else f"{log.response_unit}/{log.drive_unit}"
+def _units(logs: Sequence[Log]) -> dict[str, str]:
+    drive, unit = next((log.drive_unit for log in logs if log.drive is not None), ""), logs[0].response_unit
+    gain = f"{unit}/{drive}" if drive else unit
     return {
         "G": gain,
         "tau": "s",

@@ -197,8 +197,8 @@ def _why_modes(trials: Sequence[Trial]) -> str:
 def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.log.drive is None for t in trials):
         return (
-            "cannot tell, because no drive is recorded; add a voltage_* or drive_* column, or its value as"
-            " metadata"
+            "cannot tell, because no drive is recorded, or zero throughout; record a voltage step, its drive"
+            " as a voltage_* or drive_* column"
         )
     if not any(t.driven for t in trials):
         return "cannot tell, because the drive is zero in every row; record a voltage step"

@@ -56,11 +56,9 @@ def assumptions(trial: Trial) -> list[str]:
             f"amplitude only: a feedthrough of the drive cannot be told from {other} and is taken as zero"
         )
     if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
-        drive = "no drive is recorded" if log.drive is None else "the drive is zero in every row"
         found.append(
-            f"{drive}, and the response grows: taken as a free ring-down, which cannot grow; add a"
-            f" voltage_* or drive_* column,"
-            " with the step"
+            "no drive is recorded, or only zero, and the response grows: taken as a free ring-down, which"
+            " cannot grow; add a voltage_* or drive_* column, with the step"
         )
     if trial.rectified:
         found.append(
