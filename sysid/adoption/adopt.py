@@ -150,8 +150,8 @@ class _Adoption:
         return known
 
     def ahead(self, best: Description) -> bool:
-        """Whether it beats what the first order found of other kinds, of which an upper bound is known unless
-        they were tried in full; what beats it by that bound is."""
+        """Whether it beats what the first order found of other kinds and was not tried in full: an upper
+        bound of that, and what it is worth in full where the bound is no less."""
         full = {name for d in self.alone for name in d.names()}
         others = [f for f in self.found if not any(f.name == n and f.log in (None, i) for n, i in full)]
         apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}

@@ -50,7 +50,8 @@ class LinearisedLog:
         self.trial, self.late, self.bench = trial, 0.0, np.zeros_like(model)
         self.reference = reference
         size = abs(trial.bench.turn) or 1.0
-        self.turn, self.own = trial.bench.turn / size, size if trial.log.drive is None else 1.0
+        self.free_gain = trial.steady and trial.log.drive is None
+        self.turn, self.own = trial.bench.turn / size, size if self.free_gain else 1.0
         self._whitening = trial.noise.whitening(coloured=coloured)
         self.n = len(self._whitening[0])
         self.course = LogResponse.of(trial, reference, state.theta)
@@ -118,7 +119,7 @@ class LinearisedLog:
         ]
         columns += [Column("late", -c.rate, trial.lateness, bench.late)] if trial.lateness else []
         columns = [x._replace(shape=self.observed(x.shape[None])[0]) for x in columns]
-        if trial.log.drive is None:
+        if self.free_gain:
             columns.append(Column("gain", self.observed(c.forced + bench.moves), loose, self.own))
         if not trial.steady:
             return [*columns, Column("floor", rice.by_floor(self.plate, trial.lift), loose**2, bench.floor)]
@@ -167,9 +168,9 @@ class LinearisedLog:
             0.0,
         )  # where much is wrong, lateness more than all
         self.late = float(value.get("late", 0j).real) * trial.lateness / loose
-        if np.iscomplexobj(trial.log.response) and (trial.turned or trial.log.drive is None):
+        if np.iscomplexobj(trial.log.response) and (trial.turned or self.free_gain):
             columns.append(Column("rotation", 1j * forced, np.inf, float(np.angle(self.turn))))
-        if trial.log.drive is None:
+        if self.free_gain:
             columns.append(Column("gain", forced / self.own, np.inf, self.own))
         return columns
 
