@@ -11,6 +11,7 @@ after, and the root mean square of those after.
     --cases FILE   a line of JSON of each fit is appended to it, and those that it holds are not made again:
                    what was stopped goes on
     --minutes M    after which it stops, and writes what there is
+    --jobs N       so many at once (default 1)
 
 Writes effects.md beside itself, unless --only is given.
 """
@@ -21,7 +22,10 @@ import signal
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from datetime import date
+from itertools import islice
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +167,19 @@ def report(cases: list[Case], given: argparse.Namespace, every: list[tuple[str, 
     ])  # fmt: skip
 
 
+def fits(wanted: list[tuple], jobs: int, until: float) -> Iterator[Case]:
+    """Each as it is done, those that are begun before `until` (s, `time.monotonic`)."""
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
+        left, running = iter(wanted), set()
+        while True:
+            fresh = islice(left, jobs - len(running) if time.monotonic() < until else 0)
+            running |= {pool.submit(case, *at) for at in fresh}
+            if not running:
+                return
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (each.result() for each in done)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -171,21 +188,19 @@ def main() -> None:
     parser.add_argument("--only", default="")
     parser.add_argument("--cases", type=Path)
     parser.add_argument("--minutes", type=float, default=np.inf)
-    given, until = parser.parse_args(), time.monotonic()
-    every, until = list(cells(given.only)), until + 60 * given.minutes
+    parser.add_argument("--jobs", type=int, default=1)
+    given, begun = parser.parse_args(), time.monotonic()
+    every = list(cells(given.only))
     kept = given.cases.read_text().splitlines() if given.cases and given.cases.exists() else []
     cases = {(c["kind"], c["size"], c["bench"], c["seed"]): c for c in map(json.loads, kept)}
-    for x in every:
-        for seed in range(FIRST_SEED, FIRST_SEED + given.seeds):
-            if (*x, seed) in cases or time.monotonic() > until:
-                continue
-            cases[*x, seed] = case(*x, seed)
-            if given.cases:
-                with given.cases.open("a") as file:
-                    file.write(json.dumps(cases[*x, seed]) + "\n")
-        if these := [c for at, c in cases.items() if at[:3] == x]:
-            print(row(these), flush=True)
-    wanted = [(*x, FIRST_SEED + k) for x in every for k in range(given.seeds)]
+    wanted = [(*x, FIRST_SEED + k) for k in range(given.seeds) for x in every]
+    left = [at for at in wanted if at not in cases]
+    for made_now in fits(left, given.jobs, begun + 60 * given.minutes):
+        cases[made_now["kind"], made_now["size"], made_now["bench"], made_now["seed"]] = made_now
+        print(*listed([made_now]), flush=True)
+        if given.cases:
+            with given.cases.open("a") as file:
+                file.write(json.dumps(made_now) + "\n")
     if not given.only:
         WHERE.write_text(report([cases[at] for at in wanted if at in cases], given, every))
 
