@@ -23,7 +23,6 @@ from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
-from sysid.verdict.averaged import Average
 from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import dispersion
@@ -173,31 +172,29 @@ def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fi
 
 def _together(question: FitProblem, found: Fit) -> Fit:
     """The fit, its errors those of logs that differ by more than theirs, that may be read in two ways, or
-    that may hold more than they show."""
+    that may hold more than they show: of what may be there, as far as it leaves them determined."""
     best, judged = found.modes[0], found.judged
-    more, said = dispersion(best, found.reference, found.names)
-    more = more + question.dispersion
-    # what makes logs differ is in the errors, whatever it is
-    hints = Average.none() if said else judged.looked.average(best, found.reference)
-    wider = more + hints.covariance
-    if not np.any(wider):
-        return found
-    hint, doubts = hints.hint, judged.doubts
-    spans = [] if hint is None else [d for d in doubts if d.key == hint.key and d.logs == hint.logs]
-    again = conclude(
-        question,
-        [replace(s, dispersion=wider) for s in found.modes],
-        confounds_gain(best, found.reference, found.names),
-        None if np.any(more) else judged._replace(doubts=[d for d in doubts if d not in spans]),
-    )
-    spanned = again.result is Result.successful or not (said or hint)
-    told = replace(again, notes=(*again.notes, *found.notes)) if spanned else found
-    alarms = [x.told(spanned) for x in said if x.rare or not spanned]
-    notes = [x.told(spanned) for x in said if spanned and not x.rare]
-    if hint is not None and (spanned or not spans):
-        finding = hint.told(spanned)
+    differ, said = dispersion(best, found.reference, found.names)
+    differ = differ + question.dispersion
+    hints = judged.looked.average(best, found.reference)
+    hint, hung = hints.hint, confounds_gain(best, found.reference, found.names)
+    doubts = [d for d in judged.doubts if hint is None or d.key != hint.key or d.logs != hint.logs]
+    told, spans = found, (False, False)
+    for added, these in ((differ + hints.covariance, (True, True)), (differ, (True, False))):
+        if not np.any(added):
+            break
+        states = [replace(s, dispersion=added) for s in found.modes]
+        again = conclude(question, states, hung, None if np.any(differ) else judged._replace(doubts=doubts))
+        if again.result is Result.successful or not (said or hint):
+            told, spans = replace(again, notes=(*again.notes, *found.notes)), these
+            break
+    alarms = [x.told(spans[0]) for x in said if x.rare or not spans[0]]
+    notes = [x.told(spans[0]) for x in said if spans[0] and not x.rare]
+    doubted = len(doubts) < len(judged.doubts)
+    if hint is not None and (spans[1] or not doubted):
+        finding = hint.told(spans[1])
         told = replace(told, findings=(*told.findings, finding))
-        (alarms if spans or not spanned else notes).append(finding.sentence)
+        (alarms if doubted or not spans[1] else notes).append(finding.sentence)
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 

@@ -24,7 +24,7 @@ from sysid.rows.dwell import (
 from sysid.rows.lost import copies
 from sysid.rows.onset import onset
 from sysid.rows.prepare import undelayed
-from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial
+from sysid.trials.trial import LEAST_TOUCH, LEAST_WARMING, Trial, warmed
 from sysid.verdict import wording
 from sysid.verdict.identify import seconds
 
@@ -154,15 +154,13 @@ def reference(trials: Sequence[Trial]) -> tuple[float, float]:
 
 def free(trials: Sequence[Trial]) -> tuple[str, ...]:
     """The parameters that these logs could determine."""
-    warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
-    span = max((w.max() for w in warm), default=0.0) - min((w.min() for w in warm), default=0.0)
     contact = [t.inputs.contact for t in trials]
     touched = max(c.max() for c in contact) - min(c.min() for c in contact) > LEAST_TOUCH
     possible = {
         "G": any(t.driven for t in trials),
         "tau": True,
         "f0": any(t.resonant for t in trials),
-        "k_T": span > LEAST_WARMING,
+        "k_T": warmed(trials) > LEAST_WARMING,
         "finger_damping": touched,
         "finger_detuning": touched and any(t.resonant and t.touched for t in trials),
     }

@@ -175,7 +175,7 @@ class _Adoption:
         if i not in self.contradicting:
             points, whole = self.search.points, range(len(self.search.points.trials))
             parts = [tuple(points.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
-            own, rest = (points.minimiser.refine(part, points.alone.theta, LEVEL) for part in parts)
+            own, rest = (self.by_themselves(part) for part in parts)
             gained = own.likelihood + rest.likelihood + points.base - float(np.log(len(whole)))
             self.contradicting[i] = gained - self.differing(own, rest)
         return self.contradicting[i]
@@ -184,9 +184,14 @@ class _Adoption:
     def each(self) -> float:
         """Evidence that each log is of a plate of its own, one of which is the others'."""
         points = self.search.points
-        own = [points.minimiser.refine((t,), points.alone.theta, LEVEL) for t in points.trials]
+        own = [self.by_themselves((t,)) for t in points.trials]
         cost = [self.differing(s, points.alone) for s in own]
         return sum(s.likelihood for s in own) + points.base - (sum(cost) - min(cost))
+
+    def by_themselves(self, trials: tuple[Trial, ...]) -> State:
+        """What some of the logs tell beside the others."""
+        points = self.search.points
+        return points.minimiser.beside(trials).refine(trials, points.alone.theta, LEVEL)
 
     def differing(self, own: State, rest: State) -> float:
         """What it costs that a log has parameters of its own, each of which differs from that of others by d

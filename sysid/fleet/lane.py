@@ -211,7 +211,6 @@ def _judged(
         if batch is not fit:
             own, left = dispersion(batch, names), [residual(log, batch.step) for log in batch.logs]
         added, said = own
-        seen = seen.without(np.array([bool(each) for each in said]))
         batch = widened(batch, added + seen.spans * std[:, :, None] * std[:, None])
         return batch, left, seen._replace(why=np.where(seen.why == "", vague(batch), seen.why)), said
 

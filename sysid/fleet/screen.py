@@ -175,11 +175,6 @@ class Screened(NamedTuple):
         for p, finding in zip(here.tolist(), told, strict=True):
             self.said[p] = finding
 
-    def without(self, plates: np.ndarray) -> "Screened":
-        """The same, but that errors of these (P,) span nothing: of logs that differ they do already."""
-        said = [None if plates[p] else finding for p, finding in enumerate(self.said)]
-        return self._replace(spans=self.spans * ~plates[:, None, None], said=said)
-
 
 def screened(
     batch: Batch,

@@ -21,7 +21,7 @@ from sysid.trials.experiment import group
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.renew import update
 from sysid.trials.rounds import Rounds
-from sysid.trials.trial import Trial, freedom, numbers_taken, with_noise
+from sysid.trials.trial import LEAST_WARMING, Trial, freedom, numbers_taken, warmed, with_noise
 
 log = logging.getLogger(__name__)
 NEAR = 0.1  # of a sum of squares in units of the noise: a third of a standard deviation
@@ -121,6 +121,13 @@ class Minimiser:
     reference: tuple[float, float]
     free: tuple[str, ...]
     prior: Prior = FLAT
+
+    def beside(self, trials: Sequence[Trial]) -> "Minimiser":
+        """The search for what some of the logs tell beside the others: of logs at one temperature k_T is what
+        the others tell."""
+        if warmed(trials) > LEAST_WARMING:
+            return self
+        return replace(self, free=tuple(n for n in self.free if n != "k_T"))
 
     def minima(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """Minima of the cost, the best first, from the likeliest starting points, or from `start`."""

@@ -1,6 +1,7 @@
 """A `Trial`: a `Record` with the current estimates of its noise (`trials.whitening`) and of what the bench
 added (`trials.bench`)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -371,6 +372,12 @@ def numbers_left(trial: Trial) -> int:
 def numbers_taken(trial: Trial) -> float:
     """Degrees of freedom that a log's nuisances take from its residual."""
     return float(trial.channels * (len(trial.log) - trial.noise.left_out)) - freedom(trial)
+
+
+def warmed(trials: Sequence["Trial"]) -> float:
+    """The span of temperatures (degC) of those at a resonance, as far as these are recorded."""
+    warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
+    return max((float(w.max()) for w in warm), default=0.0) - min((float(w.min()) for w in warm), default=0.0)
 
 
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:

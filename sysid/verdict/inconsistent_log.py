@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.minimum.minimise import Minimiser, State
-from sysid.model.theta import carried
+from sysid.minimum.minimise import ESTIMATED, Minimiser, State
+from sysid.model.theta import NAMES, carried
 from sysid.rows.thermometer import was_read
 from sysid.trials.trial import Trial
 from sysid.verdict.between import OFF, elsewhere, finger, own, times, warmer
@@ -67,22 +67,29 @@ def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> 
         alone, rest = (_alone(minimiser, tuple(trials[k] for k in part), together) for part in parts)
         beside = PROMISES * (alone.likelihood + rest.likelihood - together.likelihood)
         found = _contradiction(minimiser, trials, odd, alone, rest)
-        if found and all(described(minimiser, part, beside) for part in (alone, rest)):
+        if found and all(described(minimiser.beside(s.trials), s, beside) for s in (alone, rest)):
             return found
     if (
         each
         and (said := _scattered(told, trials, together.named.k_T))
-        and all(described(minimiser, s) for s in each)
+        and all(described(minimiser.beside(s.trials), s) for s in each)
     ):
         return _found(trials, said)
     return None
 
 
 def _alone(minimiser: Minimiser, trials: tuple[Trial, ...], together: State) -> State:
-    """What these logs say by themselves, of images of a plate the one that is nearest to what all say. Its
-    errors span what they may hold and do not show, as a delay of a lone step."""
+    """What these logs say by themselves, of images of a plate the one that is nearest to what all say, and
+    what all say of k_T, if they are at one temperature. Its errors span what they may hold and do not show,
+    as a delay of a lone step."""
     state = min(minimiser.minima(trials), key=lambda s: abs(s.named.f0 - together.named.f0))
-    hints = misfits(state, minimiser.reference, minimiser.free, None).average(state, minimiser.reference)
+    beside = minimiser.beside(trials)
+    if beside.free != minimiser.free:
+        theta, k_T = state.theta.copy(), NAMES.index("k_T")
+        theta[NAMES.index("f0")] += (theta[k_T] - together.theta[k_T]) * warmth(minimiser, trials)
+        theta[k_T] = together.theta[k_T]
+        state = beside.refine(trials, theta, ESTIMATED)
+    hints = misfits(state, minimiser.reference, beside.free, None).average(state, minimiser.reference)
     return replace(state, dispersion=hints.covariance)
 
 
