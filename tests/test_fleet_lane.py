@@ -141,21 +141,23 @@ def test_rows_are_those_of_the_single_fit(kind, bench):
     for name, logs in plates.items():
         ours, single = rows[name], row_of(Group(name, tuple(logs)), settings)
         # how likely an effect is goes with the exponential of its evidence, by tests that are nearly alike
-        near = 0.1 if single["findings"] else 0.02
+        near, spread = (0.1, 0.2) if single["findings"] else (0.02, 0.01)
         assert set(ours) == set(single)
         for parameter, p in single["parameters"].items():
             q = ours["parameters"][parameter]
             assert (q["determined"], q["why"], q["unit"]) == (p["determined"], p["why"], p["unit"])
             for number in ("value", "std", "ci95_low", "ci95_high") if p["determined"] else ():
                 assert abs(q[number] - p[number]) < near * p["std"]
-        alike = ("result", "findings", "warnings", "names", "stated", "logs", "reference_temperature_degC")
+        alike = ("result", "warnings", "names", "stated", "logs", "reference_temperature_degC")
         assert {k: ours[k] for k in alike} == {k: single[k] for k in alike}
+        found = ([(f["key"], f["outcome"], f["logs"]) for f in row["findings"]] for row in (ours, single))
+        assert next(found) == next(found)
         np.testing.assert_allclose(ours["nrmse_percent"], single["nrmse_percent"], rtol=1e-3)
         scale = np.sqrt(np.diag(single["covariance"]))
         np.testing.assert_allclose(
             ours["covariance"] / np.outer(scale, scale),
             single["covariance"] / np.outer(scale, scale),
-            atol=0.01,
+            atol=spread,
         )
         for a, b in zip(ours["traces"], single["traces"], strict=True):
             parts = [x["digit"] * np.array(x["parts"]) for x in (a, b)]
