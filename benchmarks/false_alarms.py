@@ -4,6 +4,7 @@ Two usual benches, half of the fits each: a step and a sweep; three steps and th
 one plate, from the scenes' own files of a step and a sweep with new seeds: nothing is wrong with them. Writes false_alarms.md.
 
     --fits N    how many (default 1000)
+    --jobs N    so many at once (default 1)
 """
 
 import argparse
@@ -13,6 +14,9 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date
+from functools import partial
+from multiprocessing import get_context
+from multiprocessing.pool import Pool
 from pathlib import Path
 
 from rich.progress import track
@@ -38,14 +42,20 @@ def simulated(names: tuple[str, ...], seed: int) -> list[Log]:
     ]
 
 
-def counted(names: tuple[str, ...], fits: int) -> Iterator[str]:
+def told(seed: int, names: tuple[str, ...]) -> tuple[list[str], bool]:
+    """What a fit of these logs asks for, and whether it notes something."""
+    found = fit(simulated(names, seed + 1000))
+    failed = [] if found.result.name == "successful" else [found.result.name]
+    return [*found.warnings, *failed], bool(found.notes)
+
+
+def counted(names: tuple[str, ...], fits: int, workers: Pool) -> Iterator[str]:
     """Rows of the table for one bench."""
     warned, noted, said = 0, 0, Counter()
-    for seed in track(range(fits), f"{len(names)} logs"):
-        found = fit(simulated(names, seed + 1000))
-        told = [*found.warnings, *([] if found.result.name == "successful" else [found.result.name])]
-        warned, noted = warned + bool(told), noted + bool(found.notes)
-        said.update({NUMBER.sub("#", w)[:110].replace("|", "/") for w in told})
+    each = workers.imap(partial(told, names=names), range(fits))
+    for asked, notes in track(each, f"{len(names)} logs", total=fits):
+        warned, noted = warned + bool(asked), noted + notes
+        said.update({NUMBER.sub("#", w)[:110].replace("|", "/") for w in asked})
     yield f"| {len(names)} logs: {', '.join(names)} | {fits} | {100 * warned / fits:.2g} % | {100 * noted / fits:.2g} % |"
     for sentence, times in said.most_common():
         yield f"| &nbsp;&nbsp;{sentence} ... | | {times} | |"
@@ -56,10 +66,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--fits", type=int, default=1000)
-    fits = parser.parse_args().fits
-    with tempfile.TemporaryDirectory() as folder:
-        keep_programs(Path(folder))
-        rows = [row for names in (PAIR, SIX) for row in counted(names, fits // 2)]
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    fits = given.fits
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        get_context("spawn").Pool(given.jobs, keep_programs, (Path(folder),)) as workers,
+    ):
+        rows = [row for names in (PAIR, SIX) for row in counted(names, fits // 2, workers)]
     head = [
         "# False alarms",
         "",

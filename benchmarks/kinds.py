@@ -12,6 +12,7 @@ Each kind is made in three variants or more, from closed forms that share no cod
 Writes kinds.md beside itself.
 
     --seeds N   of each variant (default 7)        --only NAME   kinds whose name holds NAME; printed, not written
+    --jobs N    so many at once (default 1)
 """
 
 import argparse
@@ -20,6 +21,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import date
+from multiprocessing import get_context
+from multiprocessing.pool import Pool
 from pathlib import Path
 
 import numpy as np
@@ -166,18 +169,27 @@ def verdict(kind: Kind, logs: list[Log], truth: dict[str, float]) -> tuple[str, 
     return ("right" if found.result.name == "successful" else "told"), said
 
 
-def rows(kinds: dict[str, Kind], seeds: int) -> Iterator[str]:
+def answer(at: tuple[str, str, int]) -> tuple[str, str]:
+    """Of a variant of a kind, from a seed: the answer's class, and what was said."""
+    name, variant, seed = at
+    k, kind = list(KINDS).index(name), KINDS[name]
+    made = kind.variants[variant](np.random.default_rng([k, list(kind.variants).index(variant), seed]))
+    return verdict(kind, *made)
+
+
+def rows(kinds: dict[str, Kind], seeds: int, workers: Pool) -> Iterator[str]:
     """A row of the table for each variant; what is wrong is printed in full."""
-    for k, (name, kind) in enumerate(kinds.items()):
-        for v, (variant, made) in enumerate(kind.variants.items()):
-            answers = [verdict(kind, *made(np.random.default_rng([k, v, s]))) for s in range(seeds)]
-            counts = Counter(a for a, _ in answers)
-            for answer, said in answers:
-                if answer in ("silently wrong", "wrong cause", "perhaps"):
-                    print(f"{name}, {variant}: {answer}: {said}", flush=True)
-            first = answers[0][1].replace("|", "/")[:160]
-            cells = [str(counts[a]) for a in ("right", "told", "wrong cause", "perhaps", "silently wrong")]
-            yield f"| {name} | {variant} | {' | '.join(cells)} | {first} |"
+    each = [(name, variant) for name, kind in kinds.items() for variant in kind.variants]
+    every = workers.imap(answer, [(*at, seed) for at in each for seed in range(seeds)])
+    for name, variant in each:
+        answers = [next(every) for _ in range(seeds)]
+        counts = Counter(a for a, _ in answers)
+        for word, said in answers:
+            if word in ("silently wrong", "wrong cause", "perhaps"):
+                print(f"{name}, {variant}: {word}: {said}", flush=True)
+        first = answers[0][1].replace("|", "/")[:160]
+        cells = [str(counts[a]) for a in ("right", "told", "wrong cause", "perhaps", "silently wrong")]
+        yield f"| {name} | {variant} | {' | '.join(cells)} | {first} |"
 
 
 def main() -> None:
@@ -186,13 +198,16 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, default=7)
     parser.add_argument("--only", default="")
+    parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     kinds = {name: kind for name, kind in KINDS.items() if given.only in name}
+    with get_context("spawn").Pool(given.jobs) as workers:
+        made = list(rows(kinds, given.seeds, workers))
     table = [
         "# Logs of the kinds that people bring", "",
         f"Made by `python benchmarks/kinds.py --seeds {given.seeds}` on {date.today()}.", "", __doc__.partition("\n\n")[2].partition("Writes")[0],
         "| kind | variant | right | told | wrong cause | perhaps | silently wrong | the first answer |", "|---|---|---|---|---|---|---|---|",
-        *rows(kinds, given.seeds), "",
+        *made, "",
     ]  # fmt: skip
     if given.only:
         print("\n".join(table))
