@@ -16,7 +16,6 @@ one log. What was tried in full and explains nothing is refuted: the first order
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -102,7 +101,7 @@ class _Adoption:
     def __init__(self, search: Search, found: Sequence[Found], count: int):
         self.search, self.before, self.found, self.count = search, search.points.alone, found, count
         self.alone: list[Description] = []  # of effects by themselves
-        self.contradicting: dict[int, float] = {}  # evidence that a log is another plate's
+        self.parts: dict[tuple[tuple[int, ...], ...], float] = {}  # evidence that logs are of several plates
         self.wholly: dict[tuple[str, int], float] = {}  # and of effects that the first order names in it
 
     def best(self, before: Description | None, here: Sequence[Sequence[Group]]) -> Description | None:
@@ -150,14 +149,20 @@ class _Adoption:
         return known
 
     def ahead(self, best: Description) -> bool:
-        """Whether it beats what the first order found of other kinds and was not tried in full: an upper
-        bound of that, and what it is worth in full where the bound is no less."""
+        """Whether it beats what the first order found of other kinds and was not tried in full, an upper
+        bound of that, and what it is worth in full where the bound is no less; and that a log which
+        contradicts the others, or each, is of a plate of its own."""
         full = {name for d in self.alone for name in d.names()}
         others = [f for f in self.found if not any(f.name == n and f.log in (None, i) for n, i in full)]
-        apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
         known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in others)
-        each = [self.each] if len(apart) > 1 else []
-        return best.evidence > max([SURE, *known, *each, *map(self.apart, apart)])
+        every, apart = self._every, {f.log for f in others if f.name in BETWEEN and f.log is not None}
+        ways: list[Sequence[tuple[int, ...]]] = [((i,), tuple(k for k in every if k != i)) for i in apart]
+        ways += [tuple((i,) for i in every)] if len(apart) > 1 else []
+        return best.evidence > max([SURE, *known, *(self.parted(*way) for way in ways)])
+
+    @property
+    def _every(self) -> tuple[int, ...]:
+        return tuple(range(len(self.search.points.trials)))
 
     def whole(self, found: Found) -> float:
         """Evidence of what the first order found, with all its numbers if it is the effect of a log."""
@@ -170,36 +175,29 @@ class _Adoption:
             self.wholly[found.name, found.log] = best
         return self.wholly[found.name, found.log]
 
-    def apart(self, i: int) -> float:
-        """Evidence that a log is another plate's."""
-        if i not in self.contradicting:
-            points, whole = self.search.points, range(len(self.search.points.trials))
-            parts = [tuple(points.trials[k] for k in whole if (k == i) is own) for own in (True, False)]
-            own, rest = (self.by_themselves(part) for part in parts)
-            gained = own.likelihood + rest.likelihood + points.base - float(np.log(len(whole)))
-            self.contradicting[i] = gained - self.differing(own, rest)
-        return self.contradicting[i]
-
-    @cached_property
-    def each(self) -> float:
-        """Evidence that each log is of a plate of its own, one of which is the others'."""
-        points = self.search.points
-        own = [self.by_themselves((t,)) for t in points.trials]
-        cost = [self.differing(s, points.alone) for s in own]
-        return sum(s.likelihood for s in own) + points.base - (sum(cost) - min(cost))
+    def parted(self, *groups: tuple[int, ...]) -> float:
+        """Evidence that these groups of logs are each of a plate of its own, one of which is that of all; of
+        two, that one log is, whichever."""
+        if groups not in self.parts:
+            points, which = self.search.points, float(np.log(len(self._every))) if len(groups) == 2 else 0.0
+            own = [self.by_themselves(tuple(points.trials[i] for i in group)) for group in groups]
+            cost = [self.differing(s) for s in own]
+            gained = sum(s.likelihood for s in own) + points.base
+            self.parts[groups] = gained - (sum(cost) - min(cost)) - which
+        return self.parts[groups]
 
     def by_themselves(self, trials: tuple[Trial, ...]) -> State:
         """What some of the logs tell beside the others."""
         points = self.search.points
         return points.minimiser.beside(trials).refine(trials, points.alone.theta, LEVEL)
 
-    def differing(self, own: State, rest: State) -> float:
-        """What it costs that a log has parameters of its own, each of which differs from that of others by d
+    def differing(self, own: State) -> float:
+        """What it costs that logs have parameters of their own, each of which differs from that of all by d
         with the variance C: beside a prior of S^2 log(1 + S^2/C)/2 + d^2/(C + S^2)/2, or d^2/C/2 as they are
         the same, and log 2 for which of these."""
         points, cost = self.search.points, 0.0
         for name in (n for n in DIFFER if n in points.names):
-            away, error = apart(own, rest, name, warmth(points.minimiser, own.trials))
+            away, error = apart(own, points.alone, name, warmth(points.minimiser, own.trials))
             std = WARMED * points.alone.half_bandwidth if name == "f0" else UNLIKE
             own_cost = float(np.log1p((std / error) ** 2) + away**2 / (error**2 + std**2))
             cost += 0.5 * min(own_cost, (away / error) ** 2) + float(np.log(2))

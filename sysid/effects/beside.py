@@ -3,11 +3,11 @@
 import numpy as np
 
 from sysid.effects.effect import (
-    LEAST_ROWS,
     About,
     Effect,
     Told,
     beside,
+    driven_for_a_while,
     lasted,
     nowhere,
     oscillating,
@@ -23,7 +23,7 @@ from sysid.trials.trial import SLOPED, Trial
 # are in phase.
 CAPACITIVE, RESISTIVE = 0.3, 0.05
 SLOPING = 0.5  # of the largest response
-TONE = 0.1  # of the largest response, in each part of what turns either way
+TONE_SIZE = 0.1  # of the largest response, in each part of what turns either way
 ROUND = 1.0  # turns in a log: less is a drift
 
 
@@ -138,16 +138,10 @@ def _tone_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 
 # What is left turns at a rate of its own, in both directions where channels pick it up by unlike shares.
-TONE_BESIDE = Effect(
+TONE = Effect(
     name="tone",
-    shows=lambda trial: (
-        not trial.steady
-        and trial.signed
-        and trial.driven
-        and len(trial.log) >= LEAST_ROWS
-        and lasted(trial) > 0
-    ),
-    stds=lambda trial, about: np.array([0.5 * len(trial.log), *2 * trial.channels * [TONE]]),
+    shows=driven_for_a_while,
+    stds=lambda trial, about: np.array([0.5 * len(trial.log), *2 * trial.channels * [TONE_SIZE]]),
     starts=_tones,
     applied=_toned,
     numbers=_tone_numbers,

@@ -264,6 +264,12 @@ def moving(trial: Trial) -> bool:
     return moved and trial.log.theta is None
 
 
+def driven_for_a_while(trial: Trial) -> bool:
+    """Signed rows of a driven transient, enough for what is none of its plate."""
+    transient = not trial.steady and trial.signed and trial.driven
+    return transient and len(trial.log) >= LEAST_ROWS and lasted(trial) > 0
+
+
 def lasted(trial: Trial) -> float:
     """s, from the first row to the last."""
     return float(trial.log.time[-1] - trial.log.time[0])

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 
 from sysid.effects.effect import (
-    LEAST_ROWS,
     About,
     Effect,
     Told,
     always,
+    driven_for_a_while,
     lasted,
     positive,
     shares,
@@ -205,13 +205,7 @@ def _coupled_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: 
 
 AC_COUPLING = Effect(
     name="ac_coupling",
-    shows=lambda trial: (
-        not trial.steady
-        and trial.signed
-        and trial.driven
-        and len(trial.log) >= LEAST_ROWS
-        and lasted(trial) > 0
-    ),
+    shows=driven_for_a_while,
     stds=lambda trial, about: np.array([FORGOTTEN[-1]]),
     starts=lambda trial, about: FORGOTTEN[:, None],
     applied=_coupled,

@@ -149,7 +149,8 @@ class Noise:
         levels = tuple(x._replace(time=scale * x.time) for x in self.levels)
         told = self.efficiency if self.tail is None else 1.0
         process = (self.std, scale * self.time, levels, self.share)
-        return Noise(clock_of(log), count, kept, *process, stated=stated, efficiency=told, jitter=self.jitter)
+        new = Noise(clock_of(log), count, kept, *process, stated=stated, efficiency=told)
+        return replace(new, jitter=self.jitter, slow=self.slow)
 
 
 def clock_of(log: Log) -> np.ndarray:
