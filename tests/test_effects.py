@@ -12,9 +12,14 @@ from scipy.signal import lfilter
 from scipy.special import wofz
 
 import sysid
+from sysid.adoption.description import Instance
+from sysid.adoption.point import Points
+from sysid.adoption.search import STEPS, Search
 from sysid.effects.effect import About, plain
 from sysid.effects.registry import EFFECTS, EVERY
 from sysid.logs.log import Log
+from sysid.minimum.minimise import Minimiser
+from sysid.precision import float64
 from sysid.trials.trial import NUISANCES, Trial
 
 F0, TAU, FAR = (
@@ -383,6 +388,21 @@ def test_a_limiter_is_no_image(seeds):
         size = found.numbers["taken"]
         assert fit.result.name == "misfit" and found.key == "saturation", (seed, fit.warnings)
         assert abs(size.value - taken) < FAR * size.std
+
+
+@float64
+def test_the_size_of_a_limiter_is_found_from_each_start():
+    """What undoes it stretches the noise as well: without that each step would lead towards none."""
+    logs, taken = limited(np.random.default_rng(0))
+    found = sysid.fit(logs, nuisances=NUISANCES)
+    state, law = found.modes[0], next(e for e in EFFECTS if e.name == "saturation")
+    search = Search(
+        Points(Minimiser(found.reference, tuple(found.names)), state, About.of(state, found.reference))
+    )
+    ends = [search.followed(start, STEPS) for start in search.starts(None, (Instance(law, (0,)),))]
+    error = np.sqrt(search.points.look(ends[0]).covariance[0, 0])
+    assert len(ends) > 2 and np.ptp([end.numbers[0] for end in ends]) < 0.2 * error
+    assert abs(ends[0].numbers[0] - taken) < FAR * error
 
 
 def test_what_undoes_a_limiter_is_its_inverse():

@@ -9,7 +9,7 @@ beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, 
 joint information gives the errors: what the numbers leave open of the plant is added to its covariance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -146,12 +146,17 @@ class Points:
 
     def cost(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
         """- log likelihood of what was recorded and - log prior of the numbers."""
-        stretched = 0.0
+        known = 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2))
+        return known - state.likelihood - self.stretched(instances, numbers, state)
+
+    def stretched(self, instances: Sequence[Instance], numbers: np.ndarray, state: State) -> float:
+        """The log of by how much these effects stretch what was recorded."""
+        found = 0.0
         for x, part in zip(instances, self.parts(instances), strict=True):
             for i in x.where:
                 trial, about = self.seen_from(state, i)
-                stretched += x.effect.stretched(trial, numbers[part], about)
-        return 0.5 * float(np.sum((numbers / self.stds(instances)) ** 2)) - state.likelihood - stretched
+                found += x.effect.stretched(trial, numbers[part], about)
+        return found
 
     def seen_from(self, state: State, i: int) -> tuple[Trial, About]:
         """A log as it was recorded, and what is known of it, from a plate and a bench near by."""
@@ -196,6 +201,8 @@ class Points:
         rows = self.columns(instances, numbers, state, views)
         cross = sum(j.T @ x for j, x in zip(linear.jacobians, rows, strict=True))
         score = sum(x.T @ v.r for x, v in zip(rows, views, strict=True)) - numbers / stds**2
+        # what stretches rows stretches their noise as well
+        score += self.differences(lambda u: self.stretched(instances, u, state), instances, numbers)
         own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
         known, axes = np.linalg.eigh(own * np.outer(stds, stds))
         covariance = (axes / np.maximum(known, 1.0)) @ axes.T * np.outer(stds, stds)  # no less than the prior
@@ -208,6 +215,14 @@ class Points:
         each = [_sloped(x.effect, len(self.stds([x]))) for x in instances]
         sloped = np.concatenate(each) if each else np.zeros(0)
         return Looked(sloped * (covariance @ score), covariance, dispersion, gain)
+
+    def differences(
+        self, found: Callable[[np.ndarray], float], instances: Sequence[Instance], numbers: np.ndarray
+    ) -> np.ndarray:
+        """(d,) central differences by the numbers."""
+        away = np.diag(self.steps(instances))
+        each = [(found(numbers + way) - found(numbers - way)) / (2 * np.sum(way)) for way in away]
+        return np.array(each)
 
     def columns(
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[LinearisedLog]

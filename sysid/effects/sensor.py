@@ -100,9 +100,9 @@ def _saturated(law: Law, each: bool) -> Effect:
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         response, slopes = undone(trial.log.response, values, about)
         wider, noise = slopes ** (1 / trial.channels), trial.noise
-        spread = wider if noise.spread is None else noise.spread * wider
+        stated = wider if noise.stated is None else noise.stated * wider
         log = replace(trial.log, response=response)
-        return replace(trial, log=log, noise=replace(noise, spread=spread))
+        return replace(trial, log=log, noise=replace(noise, stated=stated))
 
     def stretched(trial: Trial, values: np.ndarray, about: About) -> float:
         return float(np.sum(np.log(undone(trial.log.response[trial.noise.used], values, about)[1])))
