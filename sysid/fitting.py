@@ -83,9 +83,7 @@ def fit(
         return told
     if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
         return told
-    if found.result is Result.successful and "late" in nuisances:
-        found = _spanning(question, found)
-    return replace(_together(question, found) if found.result is Result.successful else found, judged=None)
+    return replace(_widened(question, found, "late" in nuisances), judged=None)
 
 
 def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) -> tuple[str, ...]:
@@ -144,6 +142,8 @@ def _with_effects(
         states = _tight(minimiser, most.state, hung) if hung else minimiser.imaged([most.state])
         states = [replace(s, dispersion=wider) for s in states]
     judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
+    if not named and outcome.unsure.issuperset(w.key for w in judged.wrong):
+        judged = judged._replace(unsure=True)
     if named and outcome.described:
         judged = judged._replace(wrong=[*named], doubts=[])
     hung = confounds_gain(states[0], minimiser.reference, minimiser.free)
@@ -170,6 +170,17 @@ def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fi
     return of_decays(fit(logs, **given), said) if logs else None
 
 
+def _widened(question: FitProblem, found: Fit, late: bool) -> Fit:
+    """The fit, its errors those of all that its logs may hold and do not show for sure; what is wrong, and
+    may be spanned, is no misfit where the plant stays determined. `late`: so may its responses be."""
+    unsure = found.result is Result.misfit and found.judged.unsure
+    if not (unsure or found.result is Result.successful):
+        return found
+    wide = _spanning(question, found) if late else found
+    wide = _together(question, wide) if unsure or wide.result is Result.successful else wide
+    return found if unsure and wide.result is not Result.successful else wide
+
+
 def _together(question: FitProblem, found: Fit) -> Fit:
     """The fit, its errors those of logs that differ by more than theirs, that may be read in two ways, or
     that may hold more than they show: of what may be there, as far as it leaves them determined."""
@@ -184,7 +195,8 @@ def _together(question: FitProblem, found: Fit) -> Fit:
         if not np.any(added):
             break
         states = [replace(s, dispersion=added) for s in found.modes]
-        again = conclude(question, states, hung, None if np.any(differ) else judged._replace(doubts=doubts))
+        anew = np.any(differ) or judged.wrong  # by the errors, whose harm is another
+        again = conclude(question, states, hung, None if anew else judged._replace(doubts=doubts))
         if again.result is Result.successful or not (said or hint):
             told, spans = replace(again, notes=(*again.notes, *found.notes)), these
             break

@@ -51,13 +51,14 @@ UNLIKE = 0.5  # of log G and log tau, by which plates of a kind differ
 class Outcome:
     """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
     it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; and which
-    names, of the first order in which log, are `refuted`."""
+    names, of the first order in which log, are `refuted`, and of which, fitted in full, none is `sure`."""
 
     adopted: Description | None = None
     named: Description | None = None
     refuted: frozenset[tuple[str, int]] = field(default_factory=frozenset)
     surely: bool = False
     described: bool = False
+    unsure: frozenset[str] = field(default_factory=frozenset)
 
 
 def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str]) -> Outcome:
@@ -68,7 +69,7 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     about = About.of(state, minimiser.reference, away)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
-    adoption = _Adoption(Search(Points(minimiser, state, about)), looked.found, sum(map(len, here)))
+    adoption = _Adoption(Search(Points(minimiser, state, about)), looked, sum(map(len, here)))
     before, named = None, None
     for _ in range(MOST):
         best = adoption.best(before, here)
@@ -92,14 +93,16 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
         before = best
         more = [x for x in each if x not in before.instances or x.effect.many]
         here = candidates(more, left, wrong)
-    return Outcome(None, named, adoption.refuted(named), named is not None and named.explains(state))
+    surely = named is not None and named.explains(state)
+    return Outcome(None, named, adoption.refuted(named), surely, unsure=adoption.unsure())
 
 
 class _Adoption:
-    """What is known of effects that were tried, `count` of them, beside what the first order `found`."""
+    """What is known of effects that were tried, `count` of them, beside what was `looked` at to first
+    order."""
 
-    def __init__(self, search: Search, found: Sequence[Found], count: int):
-        self.search, self.before, self.found, self.count = search, search.points.alone, found, count
+    def __init__(self, search: Search, looked: Misfits, count: int):
+        self.search, self.before, self.looked, self.count = search, search.points.alone, looked, count
         self.alone: list[Description] = []  # of effects by themselves
         self.parts: dict[tuple[tuple[int, ...], ...], float] = {}  # evidence that logs are of several plates
         self.wholly: dict[tuple[str, int], float] = {}  # and of effects that the first order names in it
@@ -153,9 +156,12 @@ class _Adoption:
         bound of that, and what it is worth in full where the bound is no less; and that a log which
         contradicts the others, or each, is of a plate of its own."""
         full = {name for d in self.alone for name in d.names()}
-        others = [f for f in self.found if not any(f.name == n and f.log in (None, i) for n, i in full)]
-        known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in others)
+        others = [
+            f for f in self.looked.found if not any(f.name == n and f.log in (None, i) for n, i in full)
+        ]
         every, apart = self._every, {f.log for f in others if f.name in BETWEEN and f.log is not None}
+        among = (f for f in others if f.name not in BETWEEN or f.log is None)
+        known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in among)
         ways: list[Sequence[tuple[int, ...]]] = [((i,), tuple(k for k in every if k != i)) for i in apart]
         ways += [tuple((i,) for i in every)] if len(apart) > 1 else []
         return best.evidence > max([SURE, *known, *(self.parted(*way) for way in ways)])
@@ -165,15 +171,27 @@ class _Adoption:
         return tuple(range(len(self.search.points.trials)))
 
     def whole(self, found: Found) -> float:
-        """Evidence of what the first order found, with all its numbers if it is the effect of a log."""
+        """Evidence of what the first order found in a log, with all its numbers."""
         effects = [e for e in EFFECTS if e.name == found.name]
-        if found.log is None or not effects:
+        if found.log is None:
             return _most_evidence(found)
+        if not effects:
+            return self.linear(found)
         if (found.name, found.log) not in self.wholly:
             ends = self.search.ends(None, [(Instance(e, (found.log,)),) for e in effects], self.count)
             best = max((d.evidence for d in ends), default=-np.inf)
             self.wholly[found.name, found.log] = best
         return self.wholly[found.name, found.log]
+
+    def linear(self, found: Found) -> float:
+        """The same of what is no effect, as a background that bends: to first order all but its prior, by
+        which it has a usual size, is known."""
+        tried = [t for t in self.looked.tried if (t.name, t.log) == (found.name, found.log)]
+        scored = [] if self.looked.fit is None else [s for s in self.looked.fit.scored(tried) if s]
+        if not scored:
+            return _most_evidence(found)
+        likeliest = max(scored, key=lambda s: float(s.numbers @ s.numbers))
+        return found.worth - 0.5 * float(np.sum(np.log1p(likeliest.usual))) - float(np.log(self.count))
 
     def parted(self, *groups: tuple[int, ...]) -> float:
         """Evidence that these groups of logs are each of a plate of its own, one of which is that of all; of
@@ -206,7 +224,7 @@ class _Adoption:
     def cause(self, best: Description) -> bool:
         """Whether it is what the plant alone leaves: next to nothing is left, or little of what nothing else
         explains."""
-        known = any(f.explains for f in self.found)
+        known = any(f.explains for f in self.looked.found)
         return best.explains(self.before) or (not known and best.most(self.before))
 
     def refuted(self, named: Description | None) -> frozenset[tuple[str, int]]:
@@ -214,6 +232,11 @@ class _Adoption:
         told = [*self.alone, *([] if named is None else [named])]
         able = {n for d in told if d.evidence > 0 and d.explains(self.before) for n in d.names()}
         return frozenset({n for d in self.alone for n in d.names()} - able)
+
+    def unsure(self) -> frozenset[str]:
+        """First order's names of effects that were tried by themselves, none of which is sure to be there."""
+        sure = {name for d in self.alone if d.evidence >= SURE for name, _ in d.names()}
+        return frozenset({name for d in self.alone for name, _ in d.names()} - sure)
 
 
 def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:

@@ -57,6 +57,7 @@ class Judged(NamedTuple):
     open: bool = False
     apart: bool = False
     looked: Misfits = Misfits([], [])
+    unsure: bool = False
 
 
 def conclude(
@@ -186,7 +187,7 @@ def retold(
         about = {name for f in named for name in f.logs}
         wrong = [*(w for w in wrong if w.logs and about.isdisjoint(w.logs)), *named]
         doubts = [d for d in doubts if about.isdisjoint(d.logs)]
-    return Judged(wrong, doubts, found)
+    return Judged(wrong, doubts, found, looked=judged.looked)
 
 
 def likeliest(found: Sequence[Found]) -> list[Found]:
