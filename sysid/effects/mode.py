@@ -234,6 +234,13 @@ def _pole_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
+def _seems_a_pole(trial: Trial, fitted: Fitted) -> bool:
+    """Whether it has a size and a time of its own: their product is what there is of it to first order."""
+    along = fitted.values[::-1]
+    std = float(np.sqrt(along @ fitted.covariance @ along))
+    return bool(abs(np.prod(fitted.values)) > SEEN * std)
+
+
 SECOND_POLE = Effect(
     name="second_pole",
     shows=lambda trial: (
@@ -252,5 +259,5 @@ SECOND_POLE = Effect(
     scope="plate",
     rough=always,
     another=True,
-    makes_sense=lambda trial, fitted: fitted.seen(0) and fitted.seen(1),
+    makes_sense=_seems_a_pole,
 )
