@@ -189,24 +189,27 @@ def _together(question: FitProblem, found: Fit) -> Fit:
     differ = differ + question.dispersion
     hints = judged.looked.average(best, found.reference)
     hint, hung = hints.hint, confounds_gain(best, found.reference, found.names)
-    doubts = [d for d in judged.doubts if hint is None or d.key != hint.key or d.logs != hint.logs]
     told, spans = found, (False, False)
     for added, these in ((differ + hints.covariance, (True, True)), (differ, (True, False))):
         if not np.any(added):
             break
         states = [replace(s, dispersion=added) for s in found.modes]
         anew = np.any(differ) or judged.wrong  # by the errors, whose harm is another
-        again = conclude(question, states, hung, None if anew else judged._replace(doubts=doubts))
+        again = conclude(question, states, hung, None if anew else judged)
         if again.result is Result.successful or not (said or hint):
             told, spans = replace(again, notes=(*again.notes, *found.notes)), these
             break
     alarms = [x.told(spans[0]) for x in said if x.rare or not spans[0]]
     notes = [x.told(spans[0]) for x in said if spans[0] and not x.rare]
-    doubted = len(doubts) < len(judged.doubts)
-    if hint is not None and (spans[1] or not doubted):
-        finding = hint.told(spans[1])
-        told = replace(told, findings=(*told.findings, finding))
-        (alarms if doubted or not spans[1] else notes).append(finding.sentence)
+    doubts = [] if hint is None else [f for f in told.findings if f.outcome == "noted" and hint.about(f)]
+    if hint is not None and (spans[1] or not doubts):
+        finding, sentences = hint.told(spans[1]), [d.sentence for d in doubts]
+        told = replace(
+            told,
+            findings=(*(f for f in told.findings if f not in doubts), finding),
+            warnings=tuple(w for w in told.warnings if w not in sentences),
+        )
+        (alarms if doubts or not spans[1] else notes).append(finding.sentence)
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 

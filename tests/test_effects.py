@@ -626,3 +626,42 @@ def test_a_room_that_goes_up_and_down_under_a_pulse_is_told(seeds, among):
         assert fit.result.name == "successful"
         assert [f.key for f in fit.findings if f.outcome == "fitted"] == ["offset_drift"]
         assert right(fit, G=0.5, tau=120.0)
+
+
+def softened_by(rng, size):
+    """A sweep of 1 % noise over a plate that softens by `size` half bandwidths at its largest response."""
+    f, rows = F0 + np.linspace(-500, 500, 101), []
+    for at in f:
+        x = (at - F0) / HALF
+        p = np.roots([size**2, 2 * size * x, 1 + x * x, -1])
+        rows.append(1 / (1 + 1j * (x + size * np.min(p[np.abs(p.imag) < 1e-6].real))))
+    return swept(rng, f, noisy(rng, np.array(rows), 0.01))
+
+
+@seeds(4, 40)
+def test_what_is_likely_and_not_sure_is_in_the_errors(seeds, among):
+    """By 5 of the 95 Hz of the half bandwidth: some logs are sure of it, some think it likely, none is a
+    misfit."""
+    for seed in seeds:
+        fit = sysid.fit(softened_by(np.random.default_rng(seed), 0.06), nuisances=among("duffing"))
+        assert fit.result.name == "successful", (seed, fit.warnings)
+        assert right(fit, tau=TAU, f0=F0)
+
+
+@seeds(2, 20)
+def test_a_thermometer_that_lags_in_one_of_three_sweeps_is_told(seeds, among):
+    """It was "each is of another plate": logs at one temperature were compared by a k_T that none of them
+    knows. That f0 is curved, or that the log has a resonance of its own, may be as likely."""
+    for seed in seeds:
+        rng, t = np.random.default_rng(seed), 1.0 * np.arange(200)
+        f, rate, lag = F0 + np.linspace(-450, 450, 200), 6.0 / 200, 20.0
+        warm = 22.0 + rate * (t - lag * -np.expm1(-t / lag))  # behind the plate, which warms by `rate`
+        logs = []
+        for k, plate in enumerate([22.0 + rate * t, np.full(200, 22.0), np.full(200, 31.0)]):
+            y = np.exp(0.3j) * settled(f, F0 - 12 * (plate - 24))
+            given = {"drive": np.ones(200), "frequency": f, "kind": "steady", "time": t if k == 0 else None}
+            read = warm + 0.03 * rng.standard_normal(200) if k == 0 else plate
+            logs.append(Log(f"sweep {k}", noisy(rng, y, 0.01), temperature=np.round(read, 2), **given))
+        fit = sysid.fit(logs, nuisances=among("thermometer_lag"))
+        assert (fit.findings[0].key, fit.findings[0].logs) == ("thermometer_lag", ("sweep 0",))
+        assert fit.result.name != "successful" or right(fit, tau=TAU, k_T=-12.0)

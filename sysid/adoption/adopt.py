@@ -3,15 +3,16 @@
     minima --not described--> each effect, from each of its starts --> the best, with all its numbers -->
     described? --> adopted
 
-One is adopted if its evidence beats both the plant alone and all that the first order found of other kinds,
-whose evidence is at most
+One is adopted if its evidence beats the plant alone, all that the first order found of other kinds, whose
+evidence is at most
 
     worth - freedom log(2 worth/freedom) / 2
 
-as the prior of a number is no narrower than the number, and if what it leaves is noise of each row's own.
-What several logs may have for themselves is tried in all of them at once as well. The best that is not
-adopted is still named where it explains most of what the plant leaves, and so are effects of two kinds in
-one log. What was tried in full and explains nothing is refuted: the first order's name for it is no cause.
+as the prior of a number is no narrower than the number, and that logs are of plates of their own; and if what
+it leaves is noise of each row's own. What several logs may have for themselves is tried in all of them at
+once as well. The best that is not adopted is still named where it explains most of what the plant leaves and
+nothing is much likelier, and so are effects of two kinds in one log. What was tried in full and explains
+nothing is refuted: the first order's name for it is no cause.
 """
 
 from collections.abc import Mapping, Sequence
@@ -70,7 +71,7 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
     adoption = _Adoption(Search(Points(minimiser, state, about)), looked, sum(map(len, here)))
-    before, named = None, None
+    before, named, described = None, None, False
     for _ in range(MOST):
         best = adoption.best(before, here)
         if best is None:
@@ -79,22 +80,22 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
             adoption.search, best = anew
         left = misfits(best.state, minimiser.reference, minimiser.free, None)
         wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
-        if ahead and best.white and best.state.converged and not wrong:
+        if ahead > 0 and best.white and best.state.converged and not wrong:
             if best.rough or _entangled(best):
                 return Outcome(None, best, adoption.refuted(best), True, True)
             return Outcome(best)
         # what happened to a log for a while is no cause of what others show
         elsewhere = best.event and not wrong <= best.where
         cause = not wrong or (adoption.cause(best) and not elsewhere)
-        if before is None and ahead and cause and not _mistaken(best, left.found):
-            named = best
+        if before is None and ahead > -NEARLY and cause and not _mistaken(best, left.found):
+            named, described = best, not wrong
         if not best.explains(state, 1 - TAKEN):
             break
         before = best
         more = [x for x in each if x not in before.instances or x.effect.many]
         here = candidates(more, left, wrong)
     surely = named is not None and named.explains(state)
-    return Outcome(None, named, adoption.refuted(named), surely, unsure=adoption.unsure())
+    return Outcome(None, named, adoption.refuted(named), surely, described, adoption.unsure())
 
 
 class _Adoption:
@@ -121,7 +122,7 @@ class _Adoption:
                 ends = sorted([*ends, *found], key=lambda d: -d.evidence)
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
         for best in (d for d in ends if d.sense and d.evidence >= least):
-            done = self.search.finished(best) if self.ahead(best) else best
+            done = self.search.finished(best) if self.ahead(best) > -NEARLY else best
             if done.sense:
                 near = best.evidence - NEARLY
                 alike = [d for d in ends if d is not best and d.sense and near < d.evidence <= best.evidence]
@@ -137,7 +138,7 @@ class _Adoption:
 
     def _enough(self, best: Description) -> bool:
         """Whether nothing else has to be tried beside it."""
-        return best.sense and not best.vague and best.white and self.ahead(best)
+        return best.sense and not best.vague and best.white and self.ahead(best) > 0
 
     def _open(self, found: Description) -> np.ndarray:
         """(6, 6) what effects that all driven logs have leave open of theta, by the first log of each."""
@@ -151,10 +152,10 @@ class _Adoption:
                 known += np.outer(std, std)
         return known
 
-    def ahead(self, best: Description) -> bool:
-        """Whether it beats what the first order found of other kinds and was not tried in full, an upper
-        bound of that, and what it is worth in full where the bound is no less; and that a log which
-        contradicts the others, or each, is of a plate of its own."""
+    def ahead(self, best: Description) -> float:
+        """By how much its evidence is more than that of what the first order found of other kinds and was not
+        tried in full, an upper bound of that, and what it is worth in full where the bound is no less; and
+        than that a log which contradicts the others, or each, is of a plate of its own."""
         full = {name for d in self.alone for name in d.names()}
         others = [
             f for f in self.looked.found if not any(f.name == n and f.log in (None, i) for n, i in full)
@@ -164,7 +165,7 @@ class _Adoption:
         known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in among)
         ways: list[Sequence[tuple[int, ...]]] = [((i,), tuple(k for k in every if k != i)) for i in apart]
         ways += [tuple((i,) for i in every)] if len(apart) > 1 else []
-        return best.evidence > max([SURE, *known, *(self.parted(*way) for way in ways)])
+        return best.evidence - max([SURE, *known, *(self.parted(*way) for way in ways)])
 
     @property
     def _every(self) -> tuple[int, ...]:

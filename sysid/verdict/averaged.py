@@ -54,6 +54,10 @@ class Hint(NamedTuple):
     evidence: float
     moves: dict[str, float]
 
+    def about(self, found: Finding) -> bool:
+        """Whether another finding is of the same effect."""
+        return (found.key, found.logs) == (self.key, self.logs)
+
     def told(self, spanned: bool) -> Finding:
         """As a finding; `spanned`: the errors include it."""
         about = (SPANS if spanned else OMITS).format(self.parameter, self.wider)
