@@ -292,8 +292,8 @@ class Minimiser:
     def distinct(self, found: Sequence[State]) -> list[State]:
         """The minima that `found` lead to, each once, as far as they count as modes."""
         states: list[State] = []
-        for first in found:
-            if any(not self._apart(first, other) for other in states):
+        for k, first in enumerate(found):
+            if any(not self._apart(first, other) for other in (*states, *found[:k])):
                 continue
             state = self.refine(first.trials, first.theta, ESTIMATED)
             if all(self._apart(state, other) for other in states):
