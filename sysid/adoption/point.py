@@ -45,12 +45,15 @@ class Point:
 
 class Looked(NamedTuple):
     """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
-    (6, 6), and what the step gains, to second order."""
+    (6, 6), and what the step gains, to second order; by how much theta moves by itself (6,), and with the
+    numbers (6, d)."""
 
     step: np.ndarray
     covariance: np.ndarray
     dispersion: np.ndarray
     gain: float
+    rest: np.ndarray
+    along: np.ndarray
 
 
 class Points:
@@ -72,10 +75,16 @@ class Points:
         return self.at((), np.zeros(0), self.alone).cost
 
     def at(
-        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, rounds: Rounds = LEVEL
+        self,
+        instances: tuple[Instance, ...],
+        numbers: np.ndarray,
+        near: State,
+        rounds: Rounds = LEVEL,
+        theta: np.ndarray | None = None,
     ) -> Point:
-        """With these effects, at the minimum near another, or on the way to it."""
-        state = self.refined(instances, numbers, near, rounds)
+        """With these effects, at the minimum near another, or on the way to it; `theta`: where it is
+        foreseen."""
+        state = self.refined(instances, numbers, near, rounds, theta)
         for _ in range(SETTLED if any(x.effect.settles for x in instances) else 0):
             near, state = state, self.refined(instances, numbers, state, rounds)
             if abs(state.likelihood - near.likelihood) < NEAR**2:
@@ -112,20 +121,37 @@ class Points:
             each.append(small if x.effect.steps is None else x.effect.steps(trial, self.about))
         return np.concatenate(each) if each else np.zeros(0)
 
+    def onward(self, point: Point, step: np.ndarray) -> Point:
+        """The point after a step of the numbers, looked for where the plant is foreseen."""
+        look, near = self.looked(point), point.state
+        theta = self.minimiser.onward(near.theta, look.rest + look.along @ step)
+        return self.at(point.instances, point.numbers + step, near, theta=theta)
+
     def refined(
-        self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds
+        self,
+        instances: Sequence[Instance],
+        numbers: np.ndarray,
+        near: State,
+        rounds: Rounds,
+        theta: np.ndarray | None = None,
     ) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
-        state = self.begun(instances, numbers, near, rounds)
+        state = self.begun(instances, numbers, near, rounds, theta)
         return state if fed(near) else its_own(state)
 
-    def begun(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds) -> State:
+    def begun(
+        self,
+        instances: Sequence[Instance],
+        numbers: np.ndarray,
+        near: State,
+        rounds: Rounds,
+        theta: np.ndarray | None = None,
+    ) -> State:
         """The same where what is fed beside its plates is known."""
         read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
-        return self.minimiser.refine(
-            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, rounds
-        )
+        trials = tuple(with_noise(t, old.noise.std, 0.0) for t, old in read)
+        return self.minimiser.refine(trials, near.theta if theta is None else theta, rounds)
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""
@@ -199,15 +225,14 @@ class Points:
         own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
         known, axes = np.linalg.eigh(own * np.outer(stds, stds))
         covariance = (axes / np.maximum(known, 1.0)) @ axes.T * np.outer(stds, stds)  # no less than the prior
-        by = linear.inverse @ cross
-        index = [NAMES.index(n) for n in self.names]
-        dispersion = np.zeros((len(NAMES), len(NAMES)))
-        dispersion[np.ix_(index, index)] = by @ covariance @ by.T
-        score = score - by.T @ linear.slope
+        by = np.zeros((len(NAMES), len(numbers)))
+        rest, index = np.zeros(len(NAMES)), [NAMES.index(n) for n in self.names]
+        by[index], rest[index] = linear.inverse @ cross, linear.inverse @ linear.slope
+        score = score - cross.T @ rest[index]
         gain = 0.5 * float(score @ covariance @ score)
         each = [_sloped(x.effect, len(self.stds([x]))) for x in instances]
         sloped = np.concatenate(each) if each else np.zeros(0)
-        return Looked(sloped * (covariance @ score), covariance, dispersion, gain)
+        return Looked(sloped * (covariance @ score), covariance, by @ covariance @ by.T, gain, rest, -by)
 
     def columns(
         self, instances: Sequence[Instance], numbers: np.ndarray, state: State, views: Sequence[LinearisedLog]

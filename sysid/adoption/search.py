@@ -123,7 +123,7 @@ class Search:
         if _ends(look.step, look.covariance):
             return None
         step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.points.stds(point.instances))))
-        there = (self.points.at(point.instances, point.numbers + x * step, point.state) for x in SHARES)
+        there = (self.points.onward(point, share * step) for share in SHARES)
         return next((p for p in there if p.cost < point.cost), None)
 
     def by_its_motion(self, point: Point) -> Point:

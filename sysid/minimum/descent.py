@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
+from scipy.linalg import lapack
 
 from sysid.model.experiment import Groups, Residual
 from sysid.model.likelihood import linearised
@@ -14,8 +14,12 @@ from sysid.precision import seldom
 from sysid.trials.experiment import stacks
 
 SHORTEST = 1e-8  # a step that is not shortened any further
-# step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
-ROUGH = 1e-5
+# of what a step is foreseen to gain: a step that gains less is not taken, one that gains more lets the next
+# go farther; by which factors it may
+LITTLE, MUCH, NARROWER, WIDER = 0.01, 0.99, 0.25, 3.5
+# of a sum of squares, which one more step would gain, at which a search ends: the errors of what is found are
+# its root, in standard deviations, and the rounds' Gauss-Newton steps add the last digits
+CLOSE = 1e-5
 NONE = 1e-10  # of a sum of squares, below which a step changes nothing
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any case
@@ -52,63 +56,40 @@ def _looked(theta, directions, layout, x):
     return jax.vmap(one)(x)
 
 
-@seldom
-def _stepped(_, given):
-    """Whether the last step is taken, the next one, and the radius of trust.
-
-    The damped Newton step and the trust region are those of optimistix, which is imported only where the
-    program is made: one that was kept on disk does not need it.
-    """
-    import lineax
-    import optimistix
-
-    def info(sums: Sums) -> Any:
-        hessian = lineax.MatrixLinearOperator(sums.gram, lineax.positive_semidefinite_tag)
-        return optimistix.FunctionInfo.EvalGradHessian(sums.cost, sums.gradient, hessian)
-
-    before, after, step, radius, first = given
-    descent: Any = optimistix.DampedNewtonDescent()
-    region: Any = optimistix.ClassicalTrustRegion()
-    rest = jnp.zeros_like(step)
-    trust = jax.tree.map(lambda _: radius, region.init(rest, info(before)))
-    radius, taken, *_ = region.step(first, rest, step, info(before), info(after), trust)
-    better = jax.tree.map(lambda a, b: jnp.where(taken, a, b), after, before)
-    step, _ = descent.step(radius, descent.query(rest, info(better), None))
-    return taken, step, radius
-
-
 def prepare(groups: Groups, theta: np.ndarray, directions: np.ndarray) -> None:
     """Begin to make the programs of a descent, where that goes on beside."""
     for layout, x in groups:
         for stack in stacks(x):
             _looked.prepare(theta, directions, layout, stack)
-    d = directions.shape[1]
-    rest, none, nothing = np.zeros(d), np.zeros(()), np.zeros((d, d))
-    sums = Sums(none, rest, nothing)
-    _stepped.prepare((), (sums, sums, rest, np.ones(()), np.asarray(True)))
 
 
 def levenberg_marquardt(
     groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int, prior: Prior
 ) -> Seen:
     """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps, and what
-    is seen there."""
-    now = _seen(groups, theta, directions, prior)
-    if not most:
-        return now
-    nothing = Sums(*(np.zeros_like(x) for x in now.sums))
-    best, step, radius = now._replace(sums=nothing), np.zeros(directions.shape[1]), np.ones(())
-    for looks in range(most + 1):
-        first, before, size = looks == 0, best.sums.cost, np.max(np.abs(step))
-        given = (best.sums, now.sums, step, radius, np.asarray(first))
-        taken, following, radius = (np.asarray(x) for x in _stepped((), given))
-        still = taken and size < ROUGH and before - now.sums.cost < ROUGH * (1 + before)
-        best = now if taken else best
-        if looks == most or (not first and (still or size < SHORTEST)) or not np.all(np.isfinite(following)):
+    is seen there.
+
+    A step is -(J^T J + 1/radius)^-1 g, of which the sum of squares tells whether it is taken and how far the
+    next one may go (Gould, Orban, Sartenaer & Toint, 4OR 3, 227, 2005).
+    """
+    best, radius, taken = _seen(groups, theta, directions, prior), 1.0, True
+    for _ in range(most):
+        _, gradient, gram = best.sums
+        step = _damped(gram, 1 / radius, gradient)
+        if not np.max(np.abs(step)) >= SHORTEST or (taken and -gradient @ step < CLOSE):
             break
-        step = following
-        now = _seen(groups, best.theta + directions @ step, directions, prior)
+        there = _seen(groups, best.theta + directions @ step, directions, prior)
+        gained, foreseen = there.sums.cost - best.sums.cost, gradient @ step + 0.5 * step @ gram @ step
+        taken = bool(gained <= LITTLE * foreseen < 0)
+        radius *= (WIDER if gained < MUCH * foreseen else 1.0) if taken else NARROWER
+        best = there if taken else best
     return best
+
+
+def _damped(gram: np.ndarray, damping: float, gradient: np.ndarray) -> np.ndarray:
+    """-(gram + damping)^-1 gradient; no step where that is not known."""
+    factor, failed = lapack.dpotrf(gram + damping * np.eye(len(gram)))
+    return 0.0 * gradient if failed else -lapack.dpotrs(factor, gradient)[0]
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a step that leads there is not taken

@@ -198,6 +198,12 @@ class Minimiser:
         other = self._descend(trials, state.theta, not state.low_q, rounds)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
+    def onward(self, theta: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """theta after a step (6,), or as it is where the step is too long to trust."""
+        directions = self._directions(theta)
+        length = np.max(np.abs(directions.T @ step) / np.sum(directions**2, axis=0))
+        return theta + step if length < SHORT else theta
+
     def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: Rounds) -> State:
         """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
