@@ -63,6 +63,7 @@ class Points:
         self.minimiser, self.alone, self.about = minimiser, its_own(state), about
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
         self.looked = cache(self.look)  # a point is looked at where a search begins, ends and is weighed
+        self.known = cache(self.beforehand)
 
     @cached_property
     def names(self) -> list[str]:
@@ -104,13 +105,16 @@ class Points:
 
     def parts(self, instances: Sequence[Instance]) -> list[slice]:
         """Where each one's numbers stand."""
-        ends = np.cumsum([0, *(len(self.stds([x])) for x in instances)])
+        ends = np.cumsum([0, *(len(self.known(x)) for x in instances)])
         return [slice(a, b) for a, b in pairwise(ends)]
 
+    def beforehand(self, instance: Instance) -> np.ndarray:
+        """Prior standard deviations of one's numbers."""
+        return instance.effect.stds(self.trials[instance.where[0]], self.about)
+
     def stds(self, instances: Sequence[Instance]) -> np.ndarray:
-        """Prior standard deviations of the numbers."""
-        each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
-        return np.concatenate(each) if each else np.zeros(0)
+        """The same of all."""
+        return np.concatenate([np.zeros(0), *map(self.known, instances)])
 
     def steps(self, instances: Sequence[Instance]) -> np.ndarray:
         """(d,) of central differences by the numbers."""
@@ -230,7 +234,7 @@ class Points:
         by[index], rest[index] = linear.inverse @ cross, linear.inverse @ linear.slope
         score = score - cross.T @ rest[index]
         gain = 0.5 * float(score @ covariance @ score)
-        each = [_sloped(x.effect, len(self.stds([x]))) for x in instances]
+        each = [_sloped(x.effect, len(self.known(x))) for x in instances]
         sloped = np.concatenate(each) if each else np.zeros(0)
         return Looked(sloped * (covariance @ score), covariance, by @ covariance @ by.T, gain, rest, -by)
 

@@ -208,7 +208,7 @@ class Search:
             anew = zip(
                 self.points.applied(point.instances, numbers, point.state), point.state.trials, strict=True
             )
-            trials = tuple(replace(t, noise=old.noise) for t, old in anew)
+            trials = tuple(t.in_noise(old.noise) for t, old in anew)
             new = self.points.in_colour(found.instances, numbers, point.state, trials)
             if not new.cost < point.cost:
                 break

@@ -106,11 +106,11 @@ def shares(states: Sequence[State]) -> np.ndarray:
     return weight / weight.sum()
 
 
-def hopeful(state: State, best: State) -> bool:
-    """Whether a minimum by a first estimate of the noise is not far above the best, but for what it may gain
-    if the noise turns out to be coloured."""
-    searched = sum(min(freedom(t), 2 * SEARCH_ROWS) for t in best.trials)
-    return state.cost <= best.cost + 10 * MODES + 0.05 * searched
+def hopeful(state: State, cost: float) -> bool:
+    """Whether a minimum by a first estimate of the noise is not far above another's cost, but for what it may
+    gain if the noise turns out to be coloured."""
+    searched = sum(min(freedom(t), 2 * SEARCH_ROWS) for t in state.trials)
+    return state.cost <= cost + 10 * MODES + 0.05 * searched
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class Minimiser:
                 found.append(self.refine(trials, theta, rounds))
         found.sort(key=lambda s: s.cost)
         found = sorted([*found, *self._images(found, rounds)], key=lambda s: s.cost)
-        return [s for s in found if hopeful(s, found[0])]
+        return [s for s in found if hopeful(s, found[0].cost)]
 
     def imaged(self, states: Sequence[State]) -> list[State]:
         """The minima and the images of the best of them, the best first, as far as they count as modes: for
@@ -245,7 +245,7 @@ class Minimiser:
             jitters = map(jitter.found, trials, models, courses)
             shares = map(mixed.efficiency, trials, models, courses)
             trials = tuple(
-                replace(t, noise=replace(t.noise, jitter=j, slow=share))
+                t.in_noise(replace(t.noise, jitter=j, slow=share))
                 for t, j, share in zip(trials, jitters, shares, strict=True)
             )
         # Padding stands behind each group's logs.
