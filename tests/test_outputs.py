@@ -49,7 +49,7 @@ def test_fit_json_has_the_promised_keys_in_order():
     assert list(content["parameters"]) == ["G", "tau", "f0", "k_T"]
     assert list(content["parameters"]["tau"]) == ["value", "std", "ci95", "unit", "determined", "why"]
     assert list(content["logs"][0])[:5] == ["path", "sha256", "kind", "rows", "nrmse_percent"]
-    assert set(content["versions"]) == {"python", "sysid", "jax", "optimistix", "emcee", "numpy", "pandas"}
+    assert set(content["versions"]) == {"python", "sysid", "jax", "emcee", "numpy", "pandas"}
 
 
 SCHEMA = json.loads(

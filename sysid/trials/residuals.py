@@ -214,11 +214,7 @@ def _with_noise_of(
 ) -> Trial:
     """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided
     anew in each round between the first and HELD; correlation times are fixed after SETTLED."""
-    trial = (
-        trial
-        if round_
-        else trial.in_noise(replace(trial.noise, kept=trial.there, levels=(), tail=None))
-    )
+    trial = trial if round_ else trial.in_noise(replace(trial.noise, kept=trial.there, levels=(), tail=None))
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
     held = 0.0 if white else known.time if round_ > SETTLED else None
