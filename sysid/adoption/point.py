@@ -9,7 +9,7 @@ beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, 
 joint information gives the errors: what the numbers leave open of the plant is added to its covariance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -92,12 +92,20 @@ class Points:
                 break
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
-    def applied(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> tuple[Trial, ...]:
-        """The logs read as with these effects, of a plate that moves as it does in a state near by."""
-        fed = [t.bench.fed for t in near.trials]
-        read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]
+    def applied(
+        self,
+        instances: Sequence[Instance],
+        numbers: np.ndarray,
+        near: State,
+        some: Collection[int] | None = None,
+    ) -> tuple[Trial, ...]:
+        """The logs, or `some` of them, read as with these effects, of a plate that moves as it does in a
+        state near by."""
+        some, read = range(len(self.trials)) if some is None else some, list(self.trials)
+        for i in some:
+            read[i] = read[i].with_bench(fed=near.trials[i].bench.fed)
         for instance, part in zip(instances, self.parts(instances), strict=True):
-            for i in instance.where:
+            for i in (i for i in instance.where if i in some):
                 read[i] = instance.effect.applied(
                     read[i], numbers[part], self.about._replace(near=near.theta)
                 )
@@ -244,11 +252,11 @@ class Points:
         """Of each log the derivatives of its rows by the numbers (n, d), off what its nuisances can make."""
         step = self.steps(instances)
         found = [np.zeros((len(v.r), len(numbers))) for v in views]
-        for instance, part in zip(instances, self.parts(instances), strict=True):
+        for where, part in zip((x.where for x in instances), self.parts(instances), strict=True):
             for k in range(part.start, part.stop):
                 away = step[k] * np.eye(len(numbers))[k]
-                above, below = (self.applied(instances, numbers + way, state) for way in (away, -away))
-                for i in instance.where:
+                above, below = (self.applied(instances, numbers + x, state, where) for x in (away, -away))
+                for i in where:
                     change = (views[i].modelled(above[i]) - views[i].modelled(below[i])) / (2 * step[k])
                     found[i][:, k] = views[i].off(change)
         return found

@@ -53,7 +53,10 @@ class Trial(Record):
 
     def _known_of(self, new: "Trial", *but: str) -> "Trial":
         """Another trial of the same rows, of which is known what is known of this one, `but` for these."""
-        vars(new).update({name: x for name, x in vars(self).items() if name not in (*vars(new), *but)})
+        known = {**vars(self), **vars(new)}
+        for name in but:
+            known.pop(name, None)
+        vars(new).update(known)
         return new
 
     @classmethod
