@@ -19,7 +19,7 @@ SHORTEST = 1e-8  # a step that is not shortened any further
 LITTLE, MUCH, NARROWER, WIDER = 0.01, 0.99, 0.25, 3.5
 # of a sum of squares, which one more step would gain, at which a search ends: the errors of what is found are
 # its root, in standard deviations, and the rounds' Gauss-Newton steps add the last digits
-CLOSE = 1e-4
+CLOSE = 1e-5
 NONE = 1e-10  # of a sum of squares, below which a step changes nothing
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any case
