@@ -1,12 +1,18 @@
 """The noise of a residual: level and correlation time of simulated Ornstein-Uhlenbeck noise, and when it is
 called white."""
 
+from dataclasses import fields, replace
+from functools import cached_property
+
 import numpy as np
 import pytest
 from conftest import most, seeds, study
 
 import sysid
+from sysid import Log
 from sysid.trials.noise import FEW_STEPS, _grams, _whitened, estimate
+from sysid.trials.record import Record
+from sysid.trials.trial import Trial
 
 ROWS = 400
 
@@ -185,3 +191,27 @@ def test_noise_that_many_rows_share_is_no_misfit_and_may_hide_one(seeds, nuisanc
     assert np.sqrt(np.mean(np.square(z))) < most(seeds, 3)
     spoilt = [sysid.fit([sweep(seed, jump=0.4)], nuisances=nuisances) for seed in seeds]
     assert sum(fit.result is sysid.Result.misfit for fit in spoilt) >= len(seeds) - 1
+
+
+TIME = np.arange(60) * 1e-4
+TURNING = np.exp(1j * np.arange(60))
+KINDS = {
+    "step": Log("step", TURNING, TIME, np.where(TIME < 1e-3, 0.0, 2.0), np.full(60, 1e3)),
+    "amplitudes": Log("amplitudes", 1 + TIME, TIME, np.ones(60), np.full(60, 1e3)),
+    "sweep": Log("sweep", TURNING, drive=np.ones(60), frequency=np.linspace(1e3, 2e3, 60)),
+}
+
+
+@pytest.mark.parametrize("log", KINDS.values(), ids=KINDS)
+def test_what_is_known_of_a_trial_stays_known_where_it_does_not_change(log):
+    trial = Trial.of(log, "transient" if log.time is not None else "steady")
+    names = [n for x in (Record, Trial) for n, of in vars(x).items() if isinstance(of, cached_property)]
+    assert {"shapes", "columns", "spans", "scale"} < {n for n in names if getattr(trial, n) is not None}
+    noise, bench = trial.noise.at(0.3, 2e-4, (), 0.0), trial.bench
+    changes = [{f.name: 0.3} for f in fields(bench) if f.name not in ("under", "narrow", "filter", "extra")]
+    changes.append({"narrow": {"feedthrough": 1e-3, "lateness": 1e-9}})
+    pairs = [(trial.in_noise(noise), replace(trial, noise=noise))]
+    pairs += [(trial.with_bench(**x), replace(trial, bench=replace(bench, **x))) for x in changes]
+    for kept, anew in pairs:
+        for name in names:
+            assert str(getattr(kept, name)) == str(getattr(anew, name)), name

@@ -9,7 +9,7 @@ beside those of the plant (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, 
 joint information gives the errors: what the numbers leave open of the plant is added to its covariance.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import pairwise
@@ -45,12 +45,15 @@ class Point:
 
 class Looked(NamedTuple):
     """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
-    (6, 6), and what the step gains, to second order."""
+    (6, 6), and what the step gains, to second order; by how much theta moves by itself (6,), and with the
+    numbers (6, d)."""
 
     step: np.ndarray
     covariance: np.ndarray
     dispersion: np.ndarray
     gain: float
+    rest: np.ndarray
+    along: np.ndarray
 
 
 class Points:
@@ -60,6 +63,7 @@ class Points:
         self.minimiser, self.alone, self.about = minimiser, its_own(state), about
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
         self.looked = cache(self.look)  # a point is looked at where a search begins, ends and is weighed
+        self.known = cache(self.beforehand)
 
     @cached_property
     def names(self) -> list[str]:
@@ -72,22 +76,36 @@ class Points:
         return self.at((), np.zeros(0), self.alone).cost
 
     def at(
-        self, instances: tuple[Instance, ...], numbers: np.ndarray, near: State, rounds: Rounds = LEVEL
+        self,
+        instances: tuple[Instance, ...],
+        numbers: np.ndarray,
+        near: State,
+        rounds: Rounds = LEVEL,
+        theta: np.ndarray | None = None,
     ) -> Point:
-        """With these effects, at the minimum near another, or on the way to it."""
-        state = self.refined(instances, numbers, near, rounds)
+        """With these effects, at the minimum near another, or on the way to it; `theta`: where it is
+        foreseen."""
+        state = self.refined(instances, numbers, near, rounds, theta)
         for _ in range(SETTLED if any(x.effect.settles for x in instances) else 0):
             near, state = state, self.refined(instances, numbers, state, rounds)
             if abs(state.likelihood - near.likelihood) < NEAR**2:
                 break
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
 
-    def applied(self, instances: Sequence[Instance], numbers: np.ndarray, near: State) -> tuple[Trial, ...]:
-        """The logs read as with these effects, of a plate that moves as it does in a state near by."""
-        fed = [t.bench.fed for t in near.trials]
-        read = [t.with_bench(fed=x) for t, x in zip(self.trials, fed, strict=True)]
+    def applied(
+        self,
+        instances: Sequence[Instance],
+        numbers: np.ndarray,
+        near: State,
+        some: Collection[int] | None = None,
+    ) -> tuple[Trial, ...]:
+        """The logs, or `some` of them, read as with these effects, of a plate that moves as it does in a
+        state near by."""
+        some, read = range(len(self.trials)) if some is None else some, list(self.trials)
+        for i in some:
+            read[i] = read[i].with_bench(fed=near.trials[i].bench.fed)
         for instance, part in zip(instances, self.parts(instances), strict=True):
-            for i in instance.where:
+            for i in (i for i in instance.where if i in some):
                 read[i] = instance.effect.applied(
                     read[i], numbers[part], self.about._replace(near=near.theta)
                 )
@@ -95,13 +113,16 @@ class Points:
 
     def parts(self, instances: Sequence[Instance]) -> list[slice]:
         """Where each one's numbers stand."""
-        ends = np.cumsum([0, *(len(self.stds([x])) for x in instances)])
+        ends = np.cumsum([0, *(len(self.known(x)) for x in instances)])
         return [slice(a, b) for a, b in pairwise(ends)]
 
+    def beforehand(self, instance: Instance) -> np.ndarray:
+        """Prior standard deviations of one's numbers."""
+        return instance.effect.stds(self.trials[instance.where[0]], self.about)
+
     def stds(self, instances: Sequence[Instance]) -> np.ndarray:
-        """Prior standard deviations of the numbers."""
-        each = [x.effect.stds(self.trials[x.where[0]], self.about) for x in instances]
-        return np.concatenate(each) if each else np.zeros(0)
+        """The same of all."""
+        return np.concatenate([np.zeros(0), *map(self.known, instances)])
 
     def steps(self, instances: Sequence[Instance]) -> np.ndarray:
         """(d,) of central differences by the numbers."""
@@ -112,20 +133,37 @@ class Points:
             each.append(small if x.effect.steps is None else x.effect.steps(trial, self.about))
         return np.concatenate(each) if each else np.zeros(0)
 
+    def onward(self, point: Point, step: np.ndarray) -> Point:
+        """The point after a step of the numbers, looked for where the plant is foreseen."""
+        look, near = self.looked(point), point.state
+        theta = self.minimiser.onward(near.theta, look.rest + look.along @ step)
+        return self.at(point.instances, point.numbers + step, near, theta=theta)
+
     def refined(
-        self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds
+        self,
+        instances: Sequence[Instance],
+        numbers: np.ndarray,
+        near: State,
+        rounds: Rounds,
+        theta: np.ndarray | None = None,
     ) -> State:
         """The minimum near another, with these effects and white noise of the levels there; in one round: so
         costs compare."""
-        state = self.begun(instances, numbers, near, rounds)
+        state = self.begun(instances, numbers, near, rounds, theta)
         return state if fed(near) else its_own(state)
 
-    def begun(self, instances: Sequence[Instance], numbers: np.ndarray, near: State, rounds: Rounds) -> State:
+    def begun(
+        self,
+        instances: Sequence[Instance],
+        numbers: np.ndarray,
+        near: State,
+        rounds: Rounds,
+        theta: np.ndarray | None = None,
+    ) -> State:
         """The same where what is fed beside its plates is known."""
         read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
-        return self.minimiser.refine(
-            tuple(with_noise(t, old.noise.std, 0.0) for t, old in read), near.theta, rounds
-        )
+        trials = tuple(with_noise(t, old.noise.std, 0.0) for t, old in read)
+        return self.minimiser.refine(trials, near.theta if theta is None else theta, rounds)
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""
@@ -206,15 +244,14 @@ class Points:
         own = sum(x.T @ x for x in rows) + np.diag(stds**-2.0) - cross.T @ linear.inverse @ cross
         known, axes = np.linalg.eigh(own * np.outer(stds, stds))
         covariance = (axes / np.maximum(known, 1.0)) @ axes.T * np.outer(stds, stds)  # no less than the prior
-        by = linear.inverse @ cross
-        index = [NAMES.index(n) for n in self.names]
-        dispersion = np.zeros((len(NAMES), len(NAMES)))
-        dispersion[np.ix_(index, index)] = by @ covariance @ by.T
-        score = score - by.T @ linear.slope
+        by = np.zeros((len(NAMES), len(numbers)))
+        rest, index = np.zeros(len(NAMES)), [NAMES.index(n) for n in self.names]
+        by[index], rest[index] = linear.inverse @ cross, linear.inverse @ linear.slope
+        score = score - cross.T @ rest[index]
         gain = 0.5 * float(score @ covariance @ score)
-        each = [_sloped(x.effect, len(self.stds([x]))) for x in instances]
+        each = [_sloped(x.effect, len(self.known(x))) for x in instances]
         sloped = np.concatenate(each) if each else np.zeros(0)
-        return Looked(sloped * (covariance @ score), covariance, dispersion, gain)
+        return Looked(sloped * (covariance @ score), covariance, by @ covariance @ by.T, gain, rest, -by)
 
     def differences(
         self, found: Callable[[np.ndarray], float], instances: Sequence[Instance], numbers: np.ndarray
@@ -230,11 +267,11 @@ class Points:
         """Of each log the derivatives of its rows by the numbers (n, d), off what its nuisances can make."""
         step = self.steps(instances)
         found = [np.zeros((len(v.r), len(numbers))) for v in views]
-        for instance, part in zip(instances, self.parts(instances), strict=True):
+        for where, part in zip((x.where for x in instances), self.parts(instances), strict=True):
             for k in range(part.start, part.stop):
                 away = step[k] * np.eye(len(numbers))[k]
-                above, below = (self.applied(instances, numbers + way, state) for way in (away, -away))
-                for i in instance.where:
+                above, below = (self.applied(instances, numbers + x, state, where) for x in (away, -away))
+                for i in where:
                     change = (views[i].modelled(above[i]) - views[i].modelled(below[i])) / (2 * step[k])
                     found[i][:, k] = views[i].off(change)
         return found

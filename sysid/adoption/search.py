@@ -8,6 +8,7 @@ with s the numbers' prior standard deviations and C_u their covariance, in white
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
@@ -39,6 +40,7 @@ class Search:
 
     def __init__(self, points: Points):
         self.points = points
+        self.better = cache(self.stepped)  # what a first few steps led to is followed on if it is hopeful
 
     def ends(self, before: Description | None, tried: Sequence[Group], count: int) -> list[Description]:
         """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest
@@ -107,20 +109,22 @@ class Search:
     def followed(self, point: Point, most: int) -> Point:
         """Where `most` steps from a point, or fewer, lead."""
         for _ in range(most):
-            look = self.points.looked(point)
-            if _ends(look.step, look.covariance):
-                break
-            step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.points.stds(point.instances))))
-            there = (
-                self.points.at(point.instances, point.numbers + share * step, point.state) for share in SHARES
-            )
-            better = next((p for p in there if p.cost < point.cost), None)
+            better = self.better(point)
             if better is None:
                 break
             gained, point = point.cost - better.cost, better
             if gained < NEAR**2:
                 break
         return point
+
+    def stepped(self, point: Point) -> Point | None:
+        """A step from a point, as far as it leads to a better one; None where it does not, or is none."""
+        look = self.points.looked(point)
+        if _ends(look.step, look.covariance):
+            return None
+        step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.points.stds(point.instances))))
+        there = (self.points.onward(point, share * step) for share in SHARES)
+        return next((p for p in there if p.cost < point.cost), None)
 
     def by_its_motion(self, point: Point) -> Point:
         """The optimum near another where what is fed beside a plate is no motion of it, if that is better. It
@@ -204,7 +208,7 @@ class Search:
             anew = zip(
                 self.points.applied(point.instances, numbers, point.state), point.state.trials, strict=True
             )
-            trials = tuple(replace(t, noise=old.noise) for t, old in anew)
+            trials = tuple(t.in_noise(old.noise) for t, old in anew)
             new = self.points.in_colour(found.instances, numbers, point.state, trials)
             if not new.cost < point.cost:
                 break

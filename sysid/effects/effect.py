@@ -186,7 +186,7 @@ def plain(trial: Trial, std: float) -> Trial:
     spread = uneven(trial.noise.share, trial.log.response)
     noise = replace(trial.noise, spread=spread, tail=None, kept=trial.there, efficiency=1.0)
     levels = () if trial.noise.rounded is None else tuple(x._replace(time=0.0) for x in trial.noise.levels)
-    trial = replace(trial, noise=replace(noise, jitter=None, slow=1.0))
+    trial = trial.in_noise(replace(noise, jitter=None, slow=1.0))
     if trial.bench.under is not None and trial.driven:  # noise as large as what is left would lift amplitudes
         narrow = {name: wide for name, wide in trial.bench.narrow.items() if name != "floor"}
         trial = trial.with_bench(under=None, narrow=narrow, floor=0.0)

@@ -14,8 +14,9 @@ from sysid.precision import seldom
 from sysid.trials.experiment import stacks
 
 SHORTEST = 1e-8  # a step that is not shortened any further
-# step and relative fall at which a search ends; the rounds' Gauss-Newton steps add the last digits
-ROUGH = 1e-5
+# of a sum of squares, which one more step would gain, at which a search ends: the errors of what is found are
+# its root, in standard deviations, and the rounds' Gauss-Newton steps add the last digits
+CLOSE = 1e-5
 NONE = 1e-10  # of a sum of squares, below which a step changes nothing
 DONE = 1e-7  # of a sum of squares, below which nothing is left to gain
 LEAST_DAMPING = 0.01  # the least factor on a step, which is then taken in any case
@@ -99,14 +100,13 @@ def levenberg_marquardt(
     nothing = Sums(*(np.zeros_like(x) for x in now.sums))
     best, step, radius = now._replace(sums=nothing), np.zeros(directions.shape[1]), np.ones(())
     for looks in range(most + 1):
-        first, before, size = looks == 0, best.sums.cost, np.max(np.abs(step))
+        first = looks == 0
         given = (best.sums, now.sums, step, radius, np.asarray(first))
-        taken, following, radius = (np.asarray(x) for x in _stepped((), given))
-        still = taken and size < ROUGH and before - now.sums.cost < ROUGH * (1 + before)
+        taken, step, radius = (np.asarray(x) for x in _stepped((), given))
         best = now if taken else best
-        if looks == most or (not first and (still or size < SHORTEST)) or not np.all(np.isfinite(following)):
+        size, gained = np.max(np.abs(step)), -best.sums.gradient @ step
+        if looks == most or not size >= SHORTEST or (taken and gained < CLOSE) or not np.isfinite(size):
             break
-        step = following
         now = _seen(groups, best.theta + directions @ step, directions, prior)
     return best
 

@@ -106,11 +106,11 @@ def shares(states: Sequence[State]) -> np.ndarray:
     return weight / weight.sum()
 
 
-def hopeful(state: State, best: State) -> bool:
-    """Whether a minimum by a first estimate of the noise is not far above the best, but for what it may gain
-    if the noise turns out to be coloured."""
-    searched = sum(min(freedom(t), 2 * SEARCH_ROWS) for t in best.trials)
-    return state.cost <= best.cost + 10 * MODES + 0.05 * searched
+def hopeful(state: State, cost: float) -> bool:
+    """Whether a minimum by a first estimate of the noise is not far above another's cost, but for what it may
+    gain if the noise turns out to be coloured."""
+    searched = sum(min(freedom(t), 2 * SEARCH_ROWS) for t in state.trials)
+    return state.cost <= cost + 10 * MODES + 0.05 * searched
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ class Minimiser:
                 found.append(self.refine(trials, theta, rounds))
         found.sort(key=lambda s: s.cost)
         found = sorted([*found, *self._images(found, rounds)], key=lambda s: s.cost)
-        return [s for s in found if hopeful(s, found[0])]
+        return [s for s in found if hopeful(s, found[0].cost)]
 
     def imaged(self, states: Sequence[State]) -> list[State]:
         """The minima and the images of the best of them, the best first, as far as they count as modes: for
@@ -205,6 +205,12 @@ class Minimiser:
         other = self._descend(trials, state.theta, not state.low_q, rounds)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
 
+    def onward(self, theta: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """theta after a step (6,), or as it is where the step is too long to trust."""
+        directions = self._directions(theta)
+        length = np.max(np.abs(directions.T @ step) / np.sum(directions**2, axis=0))
+        return theta + step if length < SHORT else theta
+
     def _descend(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool, rounds: Rounds) -> State:
         """Minimise, re-estimate each log's noise from its residual, and repeat until nothing changes.
 
@@ -246,7 +252,7 @@ class Minimiser:
             jitters = map(jitter.found, trials, models, courses)
             shares = map(mixed.efficiency, trials, models, courses)
             trials = tuple(
-                replace(t, noise=replace(t.noise, jitter=j, slow=share))
+                t.in_noise(replace(t.noise, jitter=j, slow=share))
                 for t, j, share in zip(trials, jitters, shares, strict=True)
             )
         # Padding stands behind each group's logs.
@@ -299,8 +305,8 @@ class Minimiser:
     def distinct(self, found: Sequence[State]) -> list[State]:
         """The minima that `found` lead to, each once, as far as they count as modes."""
         states: list[State] = []
-        for first in found:
-            if any(not self._apart(first, other) for other in states):
+        for k, first in enumerate(found):
+            if any(not self._apart(first, other) for other in (*states, *found[:k])):
                 continue
             state = self.refine(first.trials, first.theta, ESTIMATED)
             if all(self._apart(state, other) for other in states):

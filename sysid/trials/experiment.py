@@ -46,11 +46,11 @@ def group(
 
 
 def stacks(x: Experiment) -> list[Experiment]:
-    """The logs of a group in stacks of 8, 4, 2 or 1, say: so that as few programs as possible serve any
-    number of logs."""
+    """The logs of a group in stacks of 16, 4 or 1, say: so that as few programs as possible serve any number
+    of logs."""
     n, begins = len(x.response), [0]
     while (left := n - begins[-1]) > 0:
-        begins.append(begins[-1] + (1 << left.bit_length() - 1))
+        begins.append(begins[-1] + 4 ** ((left.bit_length() - 1) // 2))
     return [jax.tree.map(lambda leaf, some=slice(a, b): leaf[some], x) for a, b in pairwise(begins)]
 
 

@@ -40,11 +40,8 @@ def update(
             offset = complex(detail.offset[k]) if trials[i].bench.alongside is None else 0.0
             new = _renew(trials[i], models[i], courses[i], start, floor, late, offset, round_, white)
             new = new.with_bench(turn=turn, fed=models[i] - driven if new.signed else 0.0)
-            new = (
-                renewed(new, courses[i], np.asarray(detail.extra[k]))
-                .floored(driven, models[i], floor)
-                .lifted(courses[i].plate)
-            )
+            new = renewed(new, courses[i], np.asarray(detail.extra[k])).floored(driven, models[i], floor)
+            new = new if new.signed else new.lifted(courses[i].plate)
             cost += _cost(trials[i], models[i], float(np.sum(np.abs(detail.rows[k]) ** 2)))
             moved = max(
                 moved, _moved(trials[i].noise, new.noise), _elsewhere(trials[i], new, courses[i].named.k_T)

@@ -49,7 +49,7 @@ def update_noise(
     trial = trial if decaying else _with_spread(trial, model, course, floor, round_)
     new = with_rounding(trial, model, round_) if any(trial.steps) else None
     new = new or _with_noise_of(
-        replace(trial, noise=replace(trial.noise, rounded=None, own=None)),
+        trial.in_noise(replace(trial.noise, rounded=None, own=None)),
         model,
         course.design,
         round_,
@@ -57,7 +57,7 @@ def update_noise(
     )
     new = _with_spread(new, model, course, floor, round_) if decaying else new
     if new.noise.time > 0 and not new.signed:
-        return replace(new, noise=replace(new.noise, efficiency=efficiency(new, course)))
+        return new.in_noise(replace(new.noise, efficiency=efficiency(new, course)))
     return new
 
 
@@ -76,7 +76,7 @@ def _with_spread(trial: Trial, model: np.ndarray, course: LogResponse, floor: fl
     if flat and trial.noise.spread is None:
         return trial
     spread = None if flat else np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
-    return replace(trial, noise=replace(trial.noise, share=share, scatter=scatter, spread=spread))
+    return trial.in_noise(replace(trial.noise, share=share, scatter=scatter, spread=spread))
 
 
 def _scatter(trial: Trial, model: np.ndarray, course: LogResponse, round_: int) -> tuple[float, np.ndarray]:
@@ -91,13 +91,16 @@ def _scatter(trial: Trial, model: np.ndarray, course: LogResponse, round_: int) 
         or trial.noise.time > 0
     ):
         return still
+    anew = 0 < round_ < HELD and _is_noise(trial, model)
+    if not (anew or trial.noise.scatter):
+        return still
     rate = course.rate + trial.bench.start * course.pole * course.free
     if trial.signed:
         rate = trial.bench.turn * rate
     else:
         rate = (rice.towards(course.plate, trial.lift) * rate).real + 0j
-    if not 0 < round_ < HELD or not _is_noise(trial, model):
-        return (trial.noise.scatter, np.abs(rate)) if trial.noise.scatter else still
+    if not anew:
+        return trial.noise.scatter, np.abs(rate)
     first = np.searchsorted(trial.inputs.interval, trial.inputs.interval)
     told = trial.there & (np.arange(len(model)) - first >= BEGINS)
     return scatter_of_stamps(trial.residual(model)[told], rate[told], trial.spacing), np.abs(rate)
@@ -152,7 +155,7 @@ class _Residual(NamedTuple):
 
     @classmethod
     def of(cls, trial: Trial, model: np.ndarray, design: Callable[[], np.ndarray]) -> "_Residual":
-        plain = replace(trial, noise=replace(trial.noise, tail=None, kept=trial.there))
+        plain = trial.in_noise(replace(trial.noise, tail=None, kept=trial.there))
         rows = np.arange(len(trial.log))[plain.noise.used]
         left = times(joined([p.weight for p in plain.noise.parts]), trial.log.response - model)[rows]
         return cls(plain, rows, trial.noise.clock[rows], left, design)
@@ -161,7 +164,7 @@ class _Residual(NamedTuple):
         """Without the outliers."""
         used = np.flatnonzero(regular)
         kept = np.isin(np.arange(len(self.trial.log)), self.rows[used])
-        return self._replace(trial=replace(self.trial, noise=replace(self.trial.noise, kept=kept)), used=used)
+        return self._replace(trial=self.trial.in_noise(replace(self.trial.noise, kept=kept)), used=used)
 
     def shapes(self) -> np.ndarray:
         return (self.design() * self.trial.noise.weight[:, None])[self.rows][self.used]
@@ -211,11 +214,7 @@ def _with_noise_of(
 ) -> Trial:
     """The trial with the noise that its residual shows. Outliers, and whether d and q differ, are decided
     anew in each round between the first and HELD; correlation times are fixed after SETTLED."""
-    trial = (
-        trial
-        if round_
-        else replace(trial, noise=replace(trial.noise, kept=trial.there, levels=(), tail=None))
-    )
+    trial = trial if round_ else trial.in_noise(replace(trial.noise, kept=trial.there, levels=(), tail=None))
     known = trial.noise
     found, chosen = _Residual.of(trial, model, design), 0 < round_ < HELD
     held = 0.0 if white else known.time if round_ > SETTLED else None
@@ -249,10 +248,10 @@ def _with_noise_of(
         std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
     new = with_noise(found.trial, std, time, levels)
     if told == 1:
-        return replace(new, noise=replace(new.noise, efficiency=told))
+        return new.in_noise(replace(new.noise, efficiency=told))
     tail = np.ones(len(trial.log))
     tail[found.rows] = weight
-    return replace(new, noise=replace(new.noise, efficiency=told, tail=tail))
+    return new.in_noise(replace(new.noise, efficiency=told, tail=tail))
 
 
 def _is_noise(trial: Trial, model: np.ndarray) -> bool:

@@ -74,7 +74,7 @@ def with_rounding(trial: Trial, model: np.ndarray, round_: int) -> Trial | None:
             for c, n in zip(channels, counts, strict=True)
         ]
     new = _sharing(plain, channels)
-    new = replace(new, noise=replace(new.noise, tail=None if told == 1 else tail, efficiency=told))
+    new = new.in_noise(replace(new.noise, tail=None if told == 1 else tail, efficiency=told))
     std = float(np.sqrt(np.mean([x.std**2 for x in levels])))
     return with_noise(new, std, levels[0].time, tuple(levels) if len(levels) == 2 else ())
 
@@ -84,7 +84,7 @@ def _sharing(plain: Trial, channels: Sequence[_Channel]) -> Trial:
     still to be found."""
     levels = 2 * (Level(1.0, 0.0),) if len(channels) == 2 else ()
     rounded, own = joined([c.spread for c in channels]), joined([c.own for c in channels])
-    return replace(plain, noise=replace(plain.noise, levels=levels, rounded=rounded, own=own))
+    return plain.in_noise(replace(plain.noise, levels=levels, rounded=rounded, own=own))
 
 
 def _levels_beside(plain: Trial, channels: Sequence[_Channel], tail: np.ndarray) -> list[float]:

@@ -28,6 +28,7 @@ UNKNOWN = 0.05  # of the largest response: the noise level while nothing is know
 FLOOR = 1e-10  # of the largest response: the least noise level, above the model's rounding errors
 SLOPED = 8  # points of a sweep, of whose numbers plant, rotation, feedthrough and slope take half
 NONE = 1e-6  # of a lateness: as good as none, and a prior of it can be divided by
+SHAPING = {"under", "narrow", "filter"}  # of what the bench added: of all else no shape depends
 DECIBEL = {
     "steady": 0.999,
     "transient": 1 - 1e-8,
@@ -44,7 +45,20 @@ class Trial(Record):
 
     def with_bench(self, **found: Any) -> "Trial":
         """With these of what the bench added."""
-        return replace(self, bench=replace(self.bench, **found))
+        new = replace(self, bench=replace(self.bench, **found))
+        return new if found.keys() & SHAPING else self._known_of(new)
+
+    def in_noise(self, noise: Noise) -> "Trial":
+        """With another noise."""
+        return self._known_of(replace(self, noise=noise), "spans")
+
+    def _known_of(self, new: "Trial", *but: str) -> "Trial":
+        """Another trial of the same rows, of which is known what is known of this one, `but` for these."""
+        known = {**vars(self), **vars(new)}
+        for name in but:
+            known.pop(name, None)
+        vars(new).update(known)
+        return new
 
     @classmethod
     def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
@@ -336,8 +350,9 @@ class Trial(Record):
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
-        offset = np.nan_to_num(reference[0] + self.inputs.offset)
-        begun = self.begun * np.eye(1, len(offset))[0]
+        offset = reference[0] + self.inputs.offset
+        offset, begun = np.where(np.isnan(offset), 0.0, offset), np.zeros(len(offset))
+        begun[0] = self.begun
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)
 
 
@@ -383,7 +398,7 @@ def warmed(trials: Sequence["Trial"]) -> float:
 def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] = ()) -> Trial:
     """The trial with a noise level (never below float64's resolution) and correlation time; `levels`: those
     of d and q."""
-    return replace(trial, noise=trial.noise.at(std, time, levels, FLOOR * trial.scale))
+    return trial.in_noise(trial.noise.at(std, time, levels, FLOOR * trial.scale))
 
 
 def _stated(log: Log, whole: Log) -> np.ndarray | None:

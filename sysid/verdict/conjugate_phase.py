@@ -31,7 +31,7 @@ def mirrored(
     alike = minimiser.refine(tuple(trials), together.theta, Rounds(1))
     for turned in _tried(trials):
         first = minimiser.roughly(tuple(_conjugate(t) if i in turned else t for i, t in enumerate(trials)))
-        if not hopeful(first[0], alike):
+        if not hopeful(first[0], min(alike.cost, together.cost - least)):
             continue
         there = minimiser.distinct(first)[0]
         worth = together.cost - there.cost

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -136,6 +136,7 @@ class Linear:
         self.looked: dict[tuple[Term, int], _Looked] = {}
         self.added: dict[Term, _Added | None] = {}
         self.tests: dict[Term, Scored | None] = {}
+        self.gain = cache(self._gain)  # many effects are compared with all that was tried
 
     @cached_property
     def before(self) -> list[float]:
@@ -178,7 +179,7 @@ class Linear:
             return scored is not None
         return 0.5 * float(scored.numbers @ scored.numbers) > chance + PERHAPS - UNCHANGED
 
-    def gain(self, term: Term) -> float:
+    def _gain(self, term: Term) -> float:
         """Log likelihood that a term is worth in noise of a known level, by what the plant and the nuisances
         do not make up for."""
         added = self._added(term)

@@ -102,7 +102,7 @@ def _read(trial: Trial, log: Log) -> Trial:
 
 
 def _refined(minimiser: Minimiser, state: State, i: int, trial: Trial) -> State:
-    known = replace(trial, noise=trial.noise.at(state.trials[i].noise.std, 0.0, (), 0.0))
+    known = trial.in_noise(trial.noise.at(state.trials[i].noise.std, 0.0, (), 0.0))
     return minimiser.refine(_with(state.trials, i, known), state.theta)
 
 
