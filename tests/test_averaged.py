@@ -1,6 +1,5 @@
 """Errors span effects that logs allow and do not show, by the evidence of each."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -156,22 +155,24 @@ def test_what_an_error_cannot_span_is_told(bench, monkeypatch):
     assert said.sentence in narrow.warnings
 
 
-def test_an_effect_that_logs_would_not_show_counts_once_it_is_likelier_than_none(linear):
+def test_an_effect_that_logs_would_not_show_counts_once_it_is_worth_more_than_chance(linear):
     """Of one kind at n places, at odds (B - 1)/n."""
     fit, tried = linear
     each = [Allowed(t, s) for t, s in zip(tried, fit.scored(tried), strict=True) if s is not None]
     each = [x for x in each if averaging.spanned(x.term) and not shows(x.scored)]
     told = 0
     for x in each:
-        places, usual = 3, x.scored.usual
+        places, usual, log_b = 3, x.scored.usual, 2.0
         together = averaging.Together.of([x] * places)
-        for log_b, sign in itertools.product((0.9, 1.2), (1, -1)):  # odds below and above the places
+        long = np.sqrt((2 * log_b + np.sum(np.log1p(usual))) * (1 + usual[0]) / usual[0])
+        for number in (long, -long):
             numbers = np.zeros((1, len(usual) * places))
-            numbers[0, 0] = sign * np.sqrt((2 * log_b + np.sum(np.log1p(usual))) * (1 + usual[0]) / usual[0])
+            numbers[0, 0] = number
             if not x.sensible(x.mean(numbers[0, : len(usual)])):
                 continue
-            odds = np.expm1(log_b) / places * (log_b > np.log(places))
-            share = together.likely(numbers, np.ones_like(numbers))
+            seen, odds = np.array([[True], [False], [False]]), np.expm1(log_b) / places
+            assert not together.likely(numbers, np.ones_like(numbers)).any()
+            share = together.likely(numbers, np.ones_like(numbers), seen=seen)
             assert share[:, 0] == pytest.approx([odds / (1 + odds), 0, 0])
             told += 1
     assert told > 2

@@ -148,7 +148,9 @@ class Template:
             return spans, said
         size = 1 / at.size[:, here.at]
         own, loud = numbers[:, here.at], at.power[:, here.logs] * size**2 / np.exp(at.share @ here.larger)
-        likely = here.each.likely(own, loud, self._here(at.phases)[:, here.tests].T)
+        worth = 0.5 * np.add.reduceat(own**2, here.each.begins, axis=1)
+        seen = (worth > self._chance[here.tests] + PERHAPS).T
+        likely = here.each.likely(own, loud, self._here(at.phases)[:, here.tests].T, seen)
         k, p = np.nonzero(likely)
         shifts = np.einsum("en,neij->eij", at.share[p], here.moves[:, k])
         shifts = shifts * size[p[:, None], here.each.places[k]][:, None]

@@ -14,8 +14,8 @@ If it moves theta by D x, it adds p D (diag(k) + k x x^T k) D^T to its covarianc
 was. Two kinds are left out: effects that the logs speak against (B < 1; the 1 that is taken off B makes the
 errors steady there), so that errors of logs which show nothing are what they are without; and those that
 logs would not show if they were of a usual size, which are an assumption of every fit to such logs, unless
-they are likelier than none by themselves, B > K n, which chance makes in fewer than one good fit of K n. What
-a log would have for itself if it contradicts the others is `differing`'s.
+they show it by more than chance does in one good fit of a hundred. What a
+log would have for itself if it contradicts the others is `differing`'s.
 
 Hoeting, Madigan, Raftery & Volinsky, Bayesian model averaging: a tutorial, Statistical Science 14, 382
 (1999).
@@ -28,7 +28,7 @@ import numpy as np
 
 from sysid.model.theta import NAMES
 from sysid.verdict.finding import Finding
-from sysid.verdict.linear import Linear, Scored
+from sysid.verdict.linear import PERHAPS, Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
 
@@ -191,14 +191,16 @@ class Together(NamedTuple):
         numbers: np.ndarray,
         power: np.ndarray,
         here: np.ndarray | bool = True,
+        seen: np.ndarray | bool = False,
     ) -> np.ndarray:
         """(K, P) how likely each effect is by the numbers (P, q) of as many plates; 0 where the logs speak
-        against it. `power` and `here` as `there` has them."""
+        against it. `power` and `here` as `there` has them; `seen` (K, P): which are worth more than chance
+        is."""
         usual = self.usual / power
         mean = usual / (1 + usual) * numbers
         found = 0.5 * np.add.reduceat(mean * numbers - np.log1p(usual), self.begins, axis=1).T
         there, odds = self.there(power, here), np.zeros_like(found)
-        known = ~there & here & (found > np.log(self._tried))
+        known = ~there & here & seen
         before, there = np.where(known, 1 / self._tried, self._before(there)), there | known
         for k, p in zip(*np.nonzero((found > 0) & there), strict=True):
             if self.each[k].sensible(self.own(mean[p], k)):
@@ -208,13 +210,15 @@ class Together(NamedTuple):
 
 def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     """Over the effects `tried` beside a fit, linearised."""
-    scored = zip(tried, fit.scored(tried), strict=True)
-    each = [Allowed(t, s) for t, s in scored if s is not None and spanned(t)]
-    if not each:
+    scored = zip(tried, fit.scored(tried), chances_of(tried), strict=True)
+    some = [(Allowed(t, s), chance) for t, s, chance in scored if s is not None and spanned(t)]
+    if not some:
         return Average.none()
+    each = [x for x, _ in some]
     numbers = [x.scored.numbers for x in each]
+    seen = np.array([[0.5 * n @ n > chance + PERHAPS] for n, (_, chance) in zip(numbers, some, strict=True)])
     whole, together = np.concatenate(numbers)[None], Together.of(each)
-    share = together.likely(whole, np.ones_like(whole))
+    share = together.likely(whole, np.ones_like(whole), seen=seen)
     k, p = np.nonzero(share)
     if not len(k):
         return Average.none()
