@@ -137,12 +137,12 @@ def _warming(trial: Trial) -> bool:
     return bool(np.ptp(log.temperature) > LEAST_WARMING) and (trial.whole is None or not trial.steady)
 
 
-def _lagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between). Its
-    rate is that over a lag before and behind: from row to row it would be that of the sensor's noise."""
-    log, lag = trial.log, float(values[0]) * lasted(trial)
+def _lagged(trial: Trial, lag: float, over: float) -> Trial:
+    """A sensor behind the plate, lag dT/dt + T = T of the plate (to first order, whatever lies between), its
+    rate that `over` so many s before and behind."""
+    log = trial.log
     stamps, first = np.unique(log.time, return_index=True)
-    ends = [np.clip(log.time + way * max(abs(lag), trial.spacing), stamps[0], stamps[-1]) for way in (-1, 1)]
+    ends = [np.clip(log.time + way * max(over, trial.spacing), stamps[0], stamps[-1]) for way in (-1, 1)]
     before, behind = (np.interp(at, stamps, log.temperature[first]) for at in ends)
     return shifted(trial, "temperature", lag * (behind - before) / (ends[1] - ends[0]))
 
@@ -156,18 +156,30 @@ def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
-THERMOMETER_LAG = Effect(
-    name="thermometer_lag",
-    shows=_warming,
-    stds=lambda trial, about: np.array([LAGS[-1]]),
-    starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None],
-    applied=_lagged,
-    numbers=lambda trial, values, stds, about: {
-        "lag_s": number(values[0], stds[0], "s", lasted(trial)),
-    },
-    said=_lagged_said,
-    scope="bench",
-)
+def _behind(noisy: bool) -> Effect:
+    """A thermometer behind its plate. From row to row the rate of a `noisy` one is that of its noise: it is
+    taken over a lag before and behind, which rounds where the plate turns."""
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        lag = float(values[0]) * lasted(trial)
+        return _lagged(trial, lag, noisy * abs(lag))
+
+    return Effect(
+        name="thermometer_lag",
+        shows=_warming,
+        stds=lambda trial, about: np.array([LAGS[-1]]),
+        starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None],
+        applied=applied,
+        numbers=lambda trial, values, stds, about: {
+            "lag_s": number(values[0], stds[0], "s", lasted(trial)),
+        },
+        said=_lagged_said,
+        scope="bench",
+        places=nowhere if noisy else None,  # of a short lag both are the same
+    )
+
+
+THERMOMETER_LAGS = (_behind(noisy=False), _behind(noisy=True))
 
 
 def _creeping(trial: Trial) -> bool:

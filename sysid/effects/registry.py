@@ -11,7 +11,7 @@ from sysid.effects.drift import (
     OWN_RESONANCE,
     PHASE_DRIFT,
     SELF_HEATING,
-    THERMOMETER_LAG,
+    THERMOMETER_LAGS,
 )
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
 from sysid.effects.effect import Effect
@@ -54,7 +54,7 @@ EFFECTS: tuple[Effect, ...] = (
     *OFFSET_DRIFTS,
     DWELL,
     PHASE_DELAY,
-    THERMOMETER_LAG,
+    *THERMOMETER_LAGS,
     STRETCH,
 )
 ADOPTED = tuple(dict.fromkeys(e.name for e in EFFECTS))  # as they are asked for
