@@ -189,7 +189,7 @@ def _delay(record: _Record) -> Finding | None:
         return None
     found, most = late * T / FINE, expected + MORE * T
     hint = f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay:"
-    hint += " state latency in the rig file; or the rows hold their own commands, not those of the step before"
+    hint += " state latency in the rig file; or rows hold their own commands, not those of the step before"
     return Finding("delay", f"{1e6 * found:.0f} us", f"at most {1e6 * most:.0f} us", found <= most, hint)
 
 

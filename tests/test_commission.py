@@ -48,7 +48,9 @@ def run(plant=PLATE, loop=LOOP, seed=0, std=0.01, **changes):
     )
     columns = {
         "time": trace.time,
-        "drive": np.append(0.0, trace.V[:-1]),  # a row holds the command of the step before, as the header says
+        "drive": np.append(
+            0.0, trace.V[:-1]
+        ),  # a row holds the command of the step before, as the header says
         "frequency": np.append(trace.f[0], trace.f[:-1]),
         "kind": "transient",
         "sampling": "instant",

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 import controller
+import sysid
 from controller import PI, Tracker
 from controller.pi import Model
+from sysid import Profile
+from sysid.scene.effects import EFFECTS
 
 TAU = 5e-3 / math.log(20)  # the paper's plate: 95 % after 5 ms, 1.669 ms
 PLATE = SimpleNamespace(G=0.02, tau=TAU, f0=32300.0)
@@ -295,6 +298,26 @@ def test_gate():
     assert not moved(1.0, -1.0 + 1.0j)  # Wd <= 0: the ratio has the wrong sign
     assert not moved(1.0, 0.0 + 1.0j)
     assert not moved(math.nan, 1.0 + 1.0j)
+
+
+@pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
+def test_a_reference_next_to_nothing_leaves_the_resonance_alone(method):
+    """For 0.2 s a millionth of the amplitude is asked for, under noise of 0.1 %: Wq/Wd is noise then, and a
+    tracker that followed it drove by hundreds of Hz beside the resonance, from where the amplitude came back
+    to 1.4 times what was asked."""
+    plate = sysid.Plant(0.02, 1.669e-3, 32300.0, None)
+    loop = controller.design(
+        plate, method=method, voltage_limit=160.0, amplitude=2.0, frequency_window=(31600.0, 33000.0)
+    )
+    asked = Profile(np.array([0.0, 0.05, 0.25]), np.array([1.5, 2e-6, 1.5]))
+    given = {"drive": Profile.constant(75.0), "frequency": Profile.constant(32300.0)}
+    noise = EFFECTS["white_noise"](std=0.002)
+    trace = controller.closed_loop(loop, sysid.Scene(plate, given, 3001, 1e4, (noise,)), reference=asked)
+    low, back = (trace.time > 0.07) & (trace.time < 0.25), trace.time > 0.25
+    assert (
+        np.abs(trace.f[low] - 32300.0).max() < 20.0
+    )  # of a half bandwidth of 95 Hz; two of the paper's steps
+    assert trace.W[back].max() < 1.1 * 1.5
 
 
 def test_tracker_holds_on_a_missing_measurement_and_says_so():

@@ -270,11 +270,17 @@ static dq_real wanted_step(dq_state *s, reading W, int moves)
     return p->tracker_lead * (s->ratio - before) + p->tracker_gain * left;
 }
 
+/* |W| from which it tells the plate from noise: below the amplitude to begin with it falls no further. */
+static dq_real gate_of(const dq_params *p, const request *asked)
+{
+    return p->gate * (asked->reference > p->find ? asked->reference : p->find);
+}
+
 /* The frequency, above f0. `braked`: the voltage that made W was negative, so that Wq has the other sign. */
 static dq_real track(dq_state *s, const request *asked, reading W, dq_real temperature, int braked)
 {
     const dq_params *p = &s->params;
-    const dq_real threshold = p->gate * asked->reference;
+    const dq_real threshold = gate_of(p, asked);
     const int due = ++s->count >= p->every;
     const int vibrates = asked->reference > C(0) && W.d > C(0) && W.d * W.d + W.q * W.q > threshold * threshold;
     const int moves = due && W.there && vibrates && !braked;
@@ -319,7 +325,7 @@ static void predict(const dq_params *p, dq_real Z[2], dq_real damping, dq_real o
 static void observe(dq_state *s, const request *asked, reading W, dq_real Z[2])
 {
     const dq_params *p = &s->params;
-    const dq_real threshold = p->gate * asked->reference;
+    const dq_real threshold = gate_of(p, asked);
     const dq_real *seen_d = &s->past_d[p->late], *seen_q = &s->past_q[p->late];
     dq_real e_d = C(0), e_q = C(0), size, rate;
     int learns;
