@@ -31,6 +31,7 @@ from sysid.model.plant import Plant
 from sysid.scene import engine
 from sysid.scene.effects import (
     EFFECTS,
+    SIGNS,
     FingerDamping,
     FingerDetuning,
     PhaseReset,
@@ -41,6 +42,7 @@ from sysid.shown import Shown
 
 FIDELITIES = (*engine.RUNGS, "carrier", "auto")
 MOST_STEPS = 16384  # between two rows
+ABSOLUTE_ZERO = -273.15  # degC
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
 
 
@@ -155,9 +157,22 @@ def _contradictions(scene: Scene) -> Iterator[str]:
         yield f"found {scene.rows} rows at {scene.rate:g} Hz, expected one row or more and a rate above zero"
     if scene.substeps < 1 or scene.substeps > MOST_STEPS:
         yield f"found {scene.substeps} steps between rows, expected 1 to {MOST_STEPS}"
+    yield from _of_numbers(scene)
     yield from _of_fingers(scene)
     yield from _of_warmth(scene)
     yield from _of_what_moves(scene)
+
+
+def _of_numbers(scene: Scene) -> Iterator[str]:
+    """Numbers that mean nothing. One that JAX traces is not looked at."""
+    for effect in scene.effects:
+        for f in dataclasses.fields(effect):
+            value, (expected, holds) = getattr(effect, f.name), SIGNS[f.metadata.get("sign", "")]
+            if isinstance(value, int | float) and not holds(value):
+                yield f"found {value:g} for effects.{effect.name}.{f.name}, expected {expected}"
+    for name, least, unit in (("frequency", 0.0, "Hz"), ("temperature", ABSOLUTE_ZERO, "degC")):
+        if (given := scene.inputs.get(name)) and (lowest := given.values.min()) <= least:
+            yield f"found a {name} of {lowest:g} {unit}, expected more than {least:g}"
 
 
 def _of_fingers(scene: Scene) -> Iterator[str]:
