@@ -57,8 +57,9 @@ class DQ(NamedTuple):
         amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp, share, most)
         if self.tracker is None:
             return DQState(amplitude, None), Command(voltage, None), DQInfo(said, None)
-        # The voltage that made this W is the last one: under a negative one the sign of Wq is turned.
-        braked = state.amplitude.output < 0.0
+        # The voltage that made this W is the last one: under one that brakes the sign of Wq is turned.
+        output, upwards = state.amplitude.output, self.amplitude.Kp > 0.0
+        braked = xp.where(upwards, output < 0.0, output > 0.0)
         tracker, frequency, moved = self.tracker.step(state.tracker, reference, W, temperature, braked, xp)
         if frozen is not None:
             tracker = either(frozen, state.tracker, tracker, xp)

@@ -360,3 +360,18 @@ def test_of_several_plants_each_remembers_what_it_was_shown():
     both, _, _ = pi.step(before, 1.0, np.full(2, 0.1 + 0j), np)
     of = [np.transpose([np.broadcast_to(x, 2) for x in state.model]) for state in (after, both, before)]
     assert of[0].tolist() == [of[1][0].tolist(), of[2][1].tolist()] and of[0][0, 0] != of[0][1, 0]
+
+
+@pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
+def test_a_plate_of_negative_gain_is_tracked(method):
+    """Its voltage is negative where nothing brakes: the tracker once took that for braking, and stood still.
+    The resonance lies half a half bandwidth beside the start."""
+    plate = sysid.Plant(-0.02, 1.669e-3, 32300.0, None)
+    loop = controller.design(
+        plate, method=method, voltage_limit=160.0, amplitude=2.0, frequency_window=(31600.0, 33000.0)
+    )
+    given = {"drive": Profile.constant(75.0), "frequency": Profile.constant(32300.0)}
+    beside = dataclasses.replace(plate, f0=32348.0)
+    trace = controller.closed_loop(loop, sysid.Scene(beside, given, 1001, 1e4), reference=1.5)
+    assert abs(trace.f[-1] - 32348.0) < 10.5  # a step of the paper's
+    assert trace.W[-1] == pytest.approx(1.5, rel=0.01) and trace.V[-1] < 0

@@ -276,7 +276,7 @@ static dq_real gate_of(const dq_params *p, const request *asked)
     return p->gate * (asked->reference > p->find ? asked->reference : p->find);
 }
 
-/* The frequency, above f0. `braked`: the voltage that made W was negative, so that Wq has the other sign. */
+/* The frequency, above f0. `braked`: the voltage that made W was against it, so that Wq has the other sign. */
 static dq_real track(dq_state *s, const request *asked, reading W, dq_real temperature, int braked)
 {
     const dq_params *p = &s->params;
@@ -797,7 +797,7 @@ static int32_t drive(dq_state *s, const dq_input *in, reading W, const request *
     } else if (p->law == DQ_LAW_ADAPTIVE) {
         *c = adaptive_law(s, r, W, s->told);
     } else {
-        const int braked = s->output < C(0);
+        const int braked = p->kp > C(0) ? s->output < C(0) : s->output > C(0);
         dq_real offset = s->offset;
 
         c->voltage = amplitude_loop(s, r, W);
