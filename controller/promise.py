@@ -118,7 +118,10 @@ def startup(machine: Any, law: Any, taken: Steps) -> float:
     for k, (W, _, _, said) in enumerate(played(machine, law, taken._replace(plants=few), most)):
         rows.append(W)
         last = k if np.any((said.mode > OFF) & (said.mode < RUN)) or k < 2 else last
-        if k > last + 4 * machine.patience:
+        beside = np.abs(W - abs(taken.amplitude)) > BAND * abs(taken.amplitude)
+        if k > last + 4 * machine.patience and not np.any(
+            beside
+        ):  # a slow loop comes there long after it runs
             break
     settled, _ = judged(np.reshape(rows, (len(rows), -1)), taken)
     return _worst(np.where(said.mode == RUN, settled, np.inf) + np.zeros_like(few.rate), -1)
