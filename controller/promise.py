@@ -248,11 +248,19 @@ def by_phase(V: np.ndarray, taken: Steps) -> np.ndarray:
 def samples(control: Any, plants: Ensemble, T: float) -> int:
     """After which every plate has come to rest: 14 time constants of the slowest, five of the loop, and what
     the rule of fixed steps needs to reach the furthest resonance."""
-    share = control.amplitude.Kp * np.min(np.abs(plants.push)) * T if isinstance(control, DQ) else control.K
-    rest = 14 / (np.min(plants.rate) * T) + 20 + 5 / min(abs(share), 1.0)
+    rest = 14 / (np.min(plants.rate) * T) + 20 + 5 / min(_removed(control, plants, T), 1.0)
     if isinstance(control, DQ) and isinstance(control.tracker, SignTracker):
         rest += control.tracker.every * np.max(np.abs(plants.detuning)) / control.tracker.size
     return math.ceil(rest)
+
+
+def _removed(control: Any, plants: Ensemble, T: float) -> float:
+    """Of the amplitude's error, what one sample removes at least: with a PI, the more a plate is damped, the
+    more of it is left to the integral alone."""
+    if not isinstance(control, DQ):
+        return abs(control.K)
+    pi, push = control.amplitude, np.abs(plants.push)
+    return float(min(abs(pi.Kp) * np.min(push) * T, abs(pi.Ki_Ts) * np.min(push / plants.rate)))
 
 
 def _shown(W: np.ndarray, V: np.ndarray, T: float, settling: float) -> Response:

@@ -387,3 +387,14 @@ def test_a_slow_loop_says_when_it_is_there():
     )
     slow = 1 / (2 * math.pi * 3.0)
     assert 3 * slow < loop.promise.startup < 4.5 * slow
+
+
+@pytest.mark.parametrize("bandwidth", [3.0, 8.0])
+def test_a_finger_slows_a_loop_that_is_slower_than_its_plate(bandwidth):
+    """Of the plate's time constant, 1.7 ms, little is to be seen: it is a gain, which the finger halves, under
+    an integral, whose time constant doubles. 1/20 is left after ln 20 of it; the loop of 3 Hz was once
+    refused, as it was not looked at for so long."""
+    plate = sysid.Plant(0.02, 1.669e-3, 32300.0, None)
+    given = {"voltage_limit": 350.0, "amplitude": 2.0, "frequency_window": (31600.0, 33000.0), "finger": 1.0}
+    loop = controller.design(plate, bandwidth_hz=bandwidth, **given)
+    assert loop.promise.settling == pytest.approx(math.log(20) * 2 / (2 * math.pi * bandwidth), rel=0.03)
