@@ -44,9 +44,10 @@ def cooled(follower: Any, estimate: Any, temperature: Any) -> Any:
     return estimate - follower.k_T * (temperature - follower.temperature)
 
 
-def gated(follower: Any, reference: Any, xp: Any) -> Any:
-    """|W| from which it tells the plate from noise: below `least` it falls no further."""
-    return follower.gate * xp.where(reference > follower.least, reference, follower.least)
+def gated(follower: Any, reference: Any, least: Any, xp: Any) -> Any:
+    """|W| from which it tells the plate from noise: below `least` it falls no further; None: its own."""
+    least = follower.least if least is None else least
+    return follower.gate * xp.where(reference > least, reference, least)
 
 
 class Follower:
@@ -66,7 +67,7 @@ class Follower:
 
     def step(
         self: Any, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False,
-        xp: Any = scalar,
+        xp: Any = scalar, least: Any = None,
     ) -> tuple[TrackerState, Any, TrackerInfo]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out.
 
@@ -77,7 +78,7 @@ class Follower:
         there, count = seen(reference, W, xp), state.count + 1.0
         due = count >= self.every
         # Squares instead of a root or hypot: the same bits in C on every machine.
-        size, threshold = W.real * W.real + W.imag * W.imag, gated(self, reference, xp)
+        size, threshold = W.real * W.real + W.imag * W.imag, gated(self, reference, least, xp)
         vibrates = (reference > 0.0) & (W.real > 0.0) & (size > threshold * threshold)
         moves = due & there & vibrates & xp.logical_not(braked)
         # Without vibration no division by what may be zero.

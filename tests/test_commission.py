@@ -256,3 +256,12 @@ def test_logs_or_a_check_but_not_both_nor_none(capsys):
             main(arguments)
         assert ended.value.code == 2
     capsys.readouterr()
+
+
+def test_a_start_at_a_fiftieth_of_the_amplitude_finds_the_resonance():
+    """300 Hz away: in run a tracker holds below a fiftieth, and a start would be lost if it did as well."""
+    given = [lanes.Lane(f0=off) for off in (-300.0, 0.0, 300.0)]
+    rows = lanes.play(LOOP, given, 3000, 0.04, noise=2e-4)
+    assert (rows["mode"][-1] == 4).all()
+    np.testing.assert_allclose(rows["f"][-500:].mean(axis=0) - 32300.0, [-300.0, 0.0, 300.0], atol=2.0)
+    np.testing.assert_allclose(rows["W"][-1], 0.04, rtol=0.05)

@@ -38,6 +38,7 @@ typedef struct {
 /* What the machine asks of law and guard in a step. */
 typedef struct {
     dq_real reference, share;
+    dq_real least;           /* amplitude that the tracker counts as asked for, at least */
     dq_real lowest, highest; /* of the voltage */
     int frozen;              /* no tracker */
     int open;                /* no law: `stated` */
@@ -270,10 +271,10 @@ static dq_real wanted_step(dq_state *s, reading W, int moves)
     return p->tracker_lead * (s->ratio - before) + p->tracker_gain * left;
 }
 
-/* |W| from which it tells the plate from noise: below the amplitude to begin with it falls no further. */
+/* |W| from which it tells the plate from noise. */
 static dq_real gate_of(const dq_params *p, const request *asked)
 {
-    return p->gate * (asked->reference > p->find ? asked->reference : p->find);
+    return p->gate * (asked->reference > asked->least ? asked->reference : asked->least);
 }
 
 /* The frequency, above f0. `braked`: the voltage that made W was against it, so that Wq has the other sign. */
@@ -653,6 +654,7 @@ static request requested(dq_state *s)
     request r;
 
     r.reference = asked;
+    r.least = s->mode == DQ_MODE_RUN ? p->find : C(0);
     r.share = s->share;
     r.highest = starts && capped < p->voltage_highest ? capped : p->voltage_highest;
     r.lowest = clip(p->voltage_lowest, -r.highest, C(0));
