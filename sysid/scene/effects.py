@@ -13,7 +13,6 @@ Effects on damping act on 1/tau alone: b = G/tau holds no damping, so that a fin
 Fields carry the unit in which they are kept; a scene file may state another of the same kind.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, NamedTuple, TypeVar
@@ -73,17 +72,8 @@ def effect(name: str, kind: str) -> Callable[[type[T]], type[T]]:
 
 
 def number(default: float, unit: str = "1", sign: str = "") -> Any:
-    """A leaf in `unit`; "response" and "drive" stand for the scene's own units. `sign`: of SIGNS."""
+    """A leaf in `unit`; "response" and "drive" stand for the scene's own units. `sign`: of scene.SIGNS."""
     return field(default=default, metadata={"unit": unit, "sign": sign})
-
-
-# What a number of a scene has to be where it means nothing otherwise: a limit, a time constant, a deviation.
-SIGNS: dict[str, tuple[str, Callable[[float], bool]]] = {
-    "": ("a finite number", math.isfinite),
-    "+": ("a number above zero", lambda x: 0 < x < math.inf),
-    "0+": ("a number of zero or more", lambda x: 0 <= x < math.inf),
-    "share": ("a share, from 0 to 1", lambda x: 0 <= x <= 1),
-}
 
 
 def word(default: Any, *choices: str) -> Any:

@@ -19,7 +19,8 @@ std_nm = 20
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,6 @@ from sysid.model.plant import Plant
 from sysid.scene import engine
 from sysid.scene.effects import (
     EFFECTS,
-    SIGNS,
     FingerDamping,
     FingerDetuning,
     PhaseReset,
@@ -44,6 +44,14 @@ FIDELITIES = (*engine.RUNGS, "carrier", "auto")
 MOST_STEPS = 16384  # between two rows
 ABSOLUTE_ZERO = -273.15  # degC
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
+
+# What a number of a scene has to be where it means nothing otherwise: a limit, a time constant, a deviation.
+SIGNS: dict[str, tuple[str, Callable[[float], bool]]] = {
+    "": ("a finite number", math.isfinite),
+    "+": ("a number above zero", lambda x: 0 < x < math.inf),
+    "0+": ("a number of zero or more", lambda x: 0 <= x < math.inf),
+    "share": ("a share, from 0 to 1", lambda x: 0 <= x <= 1),
+}
 
 
 class SceneError(ValueError):
