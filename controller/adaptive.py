@@ -16,7 +16,7 @@ from controller.pi import slewed, within
 from controller.scalar import NO_LIMIT, clip, seen
 from controller.source import Source
 from controller.source import begun as first
-from controller.tracker import cooled, warmed
+from controller.tracker import cooled, gated, warmed
 
 
 class AdaptiveState(NamedTuple):
@@ -43,7 +43,8 @@ class Adaptive(NamedTuple):
     (rad per Hz). Commands take effect `len(delay)` whole samples after they were asked for; readings are late
     by `len(late)` samples and `between` of one, on a straight line between two. Voltage, slew limits and
     window, source and temperature as in `PI` and `Tracker`; `sweep` is the most that the frequency moves in a
-    sample. The pole is held unless reference > 0 and |Z| > gate * reference.
+    sample. The pole is held unless reference > 0 and |Z| > gate * reference, a reference below `least`
+    counting as that.
     """
 
     push: float
@@ -63,6 +64,7 @@ class Adaptive(NamedTuple):
     highest: float = NO_LIMIT
     sweep: float = NO_LIMIT
     gate: float = 0.2
+    least: float = 0.0
     source: Source | None = None
     dead_band: float = 0.0
     k_T: float | None = None
@@ -86,16 +88,16 @@ class Adaptive(NamedTuple):
 
     def step(
         self, state: AdaptiveState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None, least: Any = None,
     ) -> tuple[AdaptiveState, Command, None]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share of
-        K, the most voltage and whether the frequency is `frozen` in, what to drive with out; the state tells
-        the rest.
+        K, the most voltage, whether the frequency is `frozen` and another `least` in, what to drive with out;
+        the state tells the rest.
 
         A missing measurement (not finite) is not zero: the prediction stands in for it.
         """
         there = seen(reference, W, xp)
-        d, q, damping, resonance = self._observed(state, there, reference, W, xp)
+        d, q, damping, resonance = self._observed(state, there, reference, W, least, xp)
         resonance, temperature = warmed(self, resonance, state.temperature, temperature, xp)
         resonance = clip(resonance, self.lowest - self.start, self.highest - self.start, xp)
         frequency = self._frequency(state, resonance, xp)
@@ -121,7 +123,7 @@ class Adaptive(NamedTuple):
         return state, Command(voltage, self.start + frequency), None
 
     def _observed(
-        self, state: AdaptiveState, there: Any, reference: Any, W: Any, xp: Any
+        self, state: AdaptiveState, there: Any, reference: Any, W: Any, least: Any, xp: Any
     ) -> tuple[Any, Any, Any, Any]:
         """Z, T/tau and resonance with this sample's e: Z + (1 - keep^2) e, lambda T + (1 - keep)^2 e / Z."""
         keep_d, keep_q = self.keep
@@ -129,7 +131,7 @@ class Adaptive(NamedTuple):
         e_d = xp.where(there, W.real - (seen[0] + self.between * (before[0] - seen[0])), 0.0)
         e_q = xp.where(there, W.imag - (seen[1] + self.between * (before[1] - seen[1])), 0.0)
         d, q = state.d + (1.0 - keep_d * keep_d) * e_d, state.q + (1.0 - keep_q * keep_q) * e_q
-        size, threshold = d * d + q * q, self.gate * reference
+        size, threshold = d * d + q * q, gated(self, reference, least, xp)
         learns = there & (reference > 0.0) & (size > threshold * threshold)
         rate = xp.where(learns, 1.0, 0.0) / xp.where(learns, size, 1.0)
         damping = state.damping - (1.0 - keep_d) * (1.0 - keep_d) * rate * (e_d * d + e_q * q)

@@ -164,16 +164,19 @@ def _overshoot(record: _Record) -> Finding | None:
 
 
 def _delay(record: _Record) -> Finding | None:
-    """From a command to the reading that shows it: the lateness, gain and damping with which the plate's own
-    equation, driven with the recorded voltage, comes nearest to Wd. None where the record does not tell."""
+    """From the recorded voltage to the reading that shows it: the lateness, gain and damping with which the
+    plate's own equation, driven with that voltage, comes nearest to Wd. None where the record does not tell.
+
+    A row holds the command of the step before, so that a sample of the designed delay is not seen in it."""
     controller, log, begin = record.controller, record.log, record.begin
-    expected, T, tau = controller.get("delay_s"), controller["sample_time_s"], controller["plant"]["tau"]
+    designed, T, tau = controller.get("delay_s"), controller["sample_time_s"], controller["plant"]["tau"]
     rows = slice(begin, begin + int(6 * tau / record.row) + 20)
     V, Wd = np.real(log.drive[rows]), log.response.real[rows]
-    if expected is None or abs(record.row / T - 1) > 0.01 or len(Wd) < 20:
+    if designed is None or abs(record.row / T - 1) > 0.01 or len(Wd) < 20:
         return None
+    expected = max(designed - T, 0.0)
     fine = np.repeat(V, FINE)  # the command holds from row to row
-    best, lates = [], range(int(expected / T) * FINE + 5 * FINE)
+    best, lates = [], range(int(designed / T) * FINE + 5 * FINE)
     for damping in DAMPINGS:
         keep = math.exp(-T / FINE * (1 + damping) / tau)
         W = lfilter([1 - keep], [1.0, -keep], fine)
@@ -184,11 +187,10 @@ def _delay(record: _Record) -> Finding | None:
     left, late = min(best)
     if math.sqrt(left / len(Wd)) > TOLD * record.target or np.ptp(V) < TOLD * np.max(np.abs(V)):
         return None
-    found = late * T / FINE
+    found, most = late * T / FINE, expected + MORE * T
     hint = f"{1e6 * (found - expected):.0f} us more than latency_s and the demodulator's delay:"
-    hint += " state latency in the rig file"
-    kept = found <= expected + MORE * T
-    return Finding("delay", f"{1e6 * found:.0f} us", f"{1e6 * expected:.0f} us", kept, hint)
+    hint += " state latency in the rig file; or rows hold their own commands, not those of the step before"
+    return Finding("delay", f"{1e6 * found:.0f} us", f"at most {1e6 * most:.0f} us", found <= most, hint)
 
 
 def _voltage(record: _Record) -> Finding:

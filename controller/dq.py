@@ -50,16 +50,20 @@ class DQ(NamedTuple):
 
     def step(
         self, state: DQState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
-        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None,
+        share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None, least: Any = None,
     ) -> tuple[DQState, Command, DQInfo]:  # fmt: skip
         """One sample. In: `reference` and W = Wd + j Wq (peak, response unit), a temperature (degC), a share
-        of the PI's gains, the most voltage, and whether the tracker is `frozen`. Out: what to drive with."""
+        of the PI's gains, the most voltage, whether the tracker is `frozen`, and another `least` of it. Out:
+        what to drive with."""
         amplitude, voltage, said = self.amplitude.step(state.amplitude, reference, W, xp, share, most)
         if self.tracker is None:
             return DQState(amplitude, None), Command(voltage, None), DQInfo(said, None)
-        # The voltage that made this W is the last one: under a negative one the sign of Wq is turned.
-        braked = state.amplitude.output < 0.0
-        tracker, frequency, moved = self.tracker.step(state.tracker, reference, W, temperature, braked, xp)
+        # The voltage that made this W is the last one: under one that brakes the sign of Wq is turned.
+        output, upwards = state.amplitude.output, self.amplitude.Kp > 0.0
+        braked = xp.where(upwards, output < 0.0, output > 0.0)
+        tracker, frequency, moved = self.tracker.step(
+            state.tracker, reference, W, temperature, braked, xp, least
+        )
         if frozen is not None:
             tracker = either(frozen, state.tracker, tracker, xp)
             frequency = self.tracker.start + tracker.offset

@@ -133,13 +133,13 @@ class Guard(NamedTuple):
     def step(
         self, state: GuardState, reference: Any, W: Any, temperature: Any = None, xp: Any = scalar,
         share: Any = 1.0, most: Any = NO_LIMIT, frozen: Any = None, clipped: Any = False,
-        stated: tuple[Any, Any, Any] | None = None, arrived: Any = None,
+        stated: tuple[Any, Any, Any] | None = None, arrived: Any = None, least: Any = None,
     ) -> tuple[GuardState, Command, GuardInfo]:  # fmt: skip
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where
         it was. `stated`: whether a voltage and a frequency take the place of the controller's, and these.
         `arrived`: finite samples of the sensor since the step before; None: not told."""
         control, command, said = self.control.step(
-            state.control, reference, W, temperature, xp, share, most, frozen
+            state.control, reference, W, temperature, xp, share, most, frozen, least
         )
         if stated is not None:
             opened, voltage, frequency = stated

@@ -154,6 +154,11 @@ class Asked(NamedTuple):
         return -limit * self.rig.bipolar, limit
 
     @property
+    def begin(self) -> float:
+        """The amplitude to look with, below which no tracker is led by what may be noise."""
+        return BEGIN * self.amplitude
+
+    @property
     def window(self) -> tuple[float, float]:
         """Hz, of the drive's frequency."""
         return self.limits.frequency or (0.0, NO_LIMIT)
@@ -161,7 +166,8 @@ class Asked(NamedTuple):
     def _tracker(self, f0: float) -> Tracker | SignTracker | PLL:
         if self.method == "paper":
             every = float(max(1, round(self.rig.tracker_period / self.T)))
-            return SignTracker(f0, every, lowest=self.window[0], highest=self.window[1])
+            lowest, highest = self.window
+            return SignTracker(f0, every, least=self.begin, lowest=lowest, highest=highest)
         half_bandwidth = self.plate.half_bandwidth
         if self.method == "pll":
             kp = min(1 / self.plate.tau, PLL_RATE / (self.T + self.delay))
@@ -183,7 +189,7 @@ class Asked(NamedTuple):
         step = 0.0 if source is None else source.step
         # What is made, within the window, lies half a step beside the estimate (a timer's steps grow with f).
         given = {"lowest": self.window[0] + 0.52 * step, "highest": self.window[1] - 0.52 * step}
-        given |= {"k_T": k_T, "temperature": self.reference_temperature}
+        given |= {"k_T": k_T, "temperature": self.reference_temperature, "least": self.begin}
         return given | {"source": source, "dead_band": dead * step}
 
     def _adaptive(self, bandwidth: float) -> Adaptive:
@@ -226,7 +232,7 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
     samples = 0.0 if asked.demodulator is None else asked.demodulator.rate * T
     return Guard(
         control, asked.voltages()[1], abs(plate.G) / (1.0 + asked.ranged.finger), decay, CEILING,
-        CEILING * BEGIN * asked.amplitude, quiet, *asked.window, asked.patience, repeats,
+        CEILING * asked.begin, quiet, *asked.window, asked.patience, repeats,
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
         doubts=float(math.ceil(DOUBTS * period / T)), samples=samples if samples >= FEWEST else 0.0,
@@ -243,7 +249,7 @@ def switched(control: Guard, asked: Asked) -> Machine:
     most, law = float(np.max(ratio)), control.control
     follower = law if isinstance(law, Adaptive) else law.tracker
     return Machine(
-        control, amplitude, BEGIN * amplitude, amplitude / (RAMP * samples), asked.patience, limit,
+        control, amplitude, asked.begin, amplitude / (RAMP * samples), asked.patience, limit,
         min(MEAN / asked.patience, 1.0), plate.G, plate.f0 or 0.0, asked.voltages(),
         (follower.lowest, follower.highest) if tracks else (0.0, NO_LIMIT),
         _temperatures(asked) if asked.rig.thermometer and tracks else None, asked.reference_temperature,

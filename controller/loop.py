@@ -21,7 +21,7 @@ import numpy as np
 
 from controller.dq import Command
 from controller.trace import Trace
-from sysid.asked import LOOP, every, refuse
+from sysid.asked import LOOP, PROFILE, every, number, refuse
 from sysid.precision import jitted
 from sysid.scene import engine
 from sysid.scene.effects import (
@@ -159,8 +159,9 @@ class _Run:
         if reference is None:
             asked = loop.G * inputs_at(scene, time)["drive"]
         else:
-            profile = reference if isinstance(reference, Profile) else Profile.constant(reference)
-            asked = profile.at(time)
+            if not isinstance(reference, Profile):
+                reference = Profile.constant(number("reference", reference, PROFILE))
+            asked = reference.at(time)
         end = time[-1] if len(time) else 0.0
         events = [time, time - late, time + loop.latency]
         moving = scene.inputs.keys() & {"temperature", "force", "contact"}

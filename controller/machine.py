@@ -166,6 +166,7 @@ class Machine(NamedTuple):
         control, command, said = self.control.step(
             state.control, asked, W, held.temperature if self.temperatures is not None else None, xp,
             held.share, most, frozen, clipped, (opened, *stated), arrived,
+            xp.where(was == RUN, self.find, 0.0),
         )  # fmt: skip
         means = self._means(state.means, W, xp.where(on, asked, 0.0), xp.where(on, command.voltage, 0.0), xp)
         shown = on & (was == FIND) & (means.d > 0.0)

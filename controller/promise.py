@@ -118,7 +118,10 @@ def startup(machine: Any, law: Any, taken: Steps) -> float:
     for k, (W, _, _, said) in enumerate(played(machine, law, taken._replace(plants=few), most)):
         rows.append(W)
         last = k if np.any((said.mode > OFF) & (said.mode < RUN)) or k < 2 else last
-        if k > last + 4 * machine.patience:
+        beside = np.abs(W - abs(taken.amplitude)) > BAND * abs(taken.amplitude)
+        if k > last + 4 * machine.patience and not np.any(
+            beside
+        ):  # a slow loop comes there long after it runs
             break
     settled, _ = judged(np.reshape(rows, (len(rows), -1)), taken)
     return _worst(np.where(said.mode == RUN, settled, np.inf) + np.zeros_like(few.rate), -1)
@@ -245,11 +248,19 @@ def by_phase(V: np.ndarray, taken: Steps) -> np.ndarray:
 def samples(control: Any, plants: Ensemble, T: float) -> int:
     """After which every plate has come to rest: 14 time constants of the slowest, five of the loop, and what
     the rule of fixed steps needs to reach the furthest resonance."""
-    share = control.amplitude.Kp * np.min(np.abs(plants.push)) * T if isinstance(control, DQ) else control.K
-    rest = 14 / (np.min(plants.rate) * T) + 20 + 5 / min(abs(share), 1.0)
+    rest = 14 / (np.min(plants.rate) * T) + 20 + 5 / min(_removed(control, plants, T), 1.0)
     if isinstance(control, DQ) and isinstance(control.tracker, SignTracker):
         rest += control.tracker.every * np.max(np.abs(plants.detuning)) / control.tracker.size
     return math.ceil(rest)
+
+
+def _removed(control: Any, plants: Ensemble, T: float) -> float:
+    """Of the amplitude's error, what one sample removes at least: with a PI, the more a plate is damped, the
+    more of it is left to the integral alone."""
+    if not isinstance(control, DQ):
+        return abs(control.K)
+    pi, push = control.amplitude, np.abs(plants.push)
+    return float(min(abs(pi.Kp) * np.min(push) * T, abs(pi.Ki_Ts) * np.min(push / plants.rate)))
 
 
 def _shown(W: np.ndarray, V: np.ndarray, T: float, settling: float) -> Response:

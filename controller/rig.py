@@ -174,7 +174,7 @@ class Rig(NamedTuple):
     def from_toml(cls, path: str | Path, drive_unit: str = "V", response_unit: str = "um") -> "Rig":
         """The rig of a TOML file, its voltages in `drive_unit`. Raises RigError."""
         try:
-            document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            document = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise RigError(f"{path}: cannot be read: {error}") from None
         read = _Reader(Path(path))

@@ -44,6 +44,12 @@ def cooled(follower: Any, estimate: Any, temperature: Any) -> Any:
     return estimate - follower.k_T * (temperature - follower.temperature)
 
 
+def gated(follower: Any, reference: Any, least: Any, xp: Any) -> Any:
+    """|W| from which it tells the plate from noise: below `least` it falls no further; None: its own."""
+    least = follower.least if least is None else least
+    return follower.gate * xp.where(reference > least, reference, least)
+
+
 class Follower:
     """What all trackers do: each says what is `wanted` of the ratio Wq / Wd, given the numbers of its own."""
 
@@ -61,7 +67,7 @@ class Follower:
 
     def step(
         self: Any, state: TrackerState, reference: Any, W: Any, temperature: Any = None, braked: Any = False,
-        xp: Any = scalar,
+        xp: Any = scalar, least: Any = None,
     ) -> tuple[TrackerState, Any, TrackerInfo]:  # fmt: skip
         """One sample: `reference` and W = Wd + j Wq (peak, response unit) in, the drive frequency in Hz out.
 
@@ -72,7 +78,7 @@ class Follower:
         there, count = seen(reference, W, xp), state.count + 1.0
         due = count >= self.every
         # Squares instead of a root or hypot: the same bits in C on every machine.
-        size, threshold = W.real * W.real + W.imag * W.imag, self.gate * reference
+        size, threshold = W.real * W.real + W.imag * W.imag, gated(self, reference, least, xp)
         vibrates = (reference > 0.0) & (W.real > 0.0) & (size > threshold * threshold)
         moves = due & there & vibrates & xp.logical_not(braked)
         # Without vibration no division by what may be zero.
@@ -103,6 +109,7 @@ class _Tracker(NamedTuple):
     every: float
     share: float = 0.3
     gate: float = 0.2
+    least: float = 0.0
     lowest: float = 0.0
     highest: float = NO_LIMIT
     source: Source | None = None
@@ -123,8 +130,9 @@ class Tracker(_Tracker, Follower):
     the estimate; where the `source` has only steps it is the one nearest to it, and is left only when the
     estimate is further off than half a step and `dead_band` Hz: noise does not make it chatter. Without
     vibration Wq / Wd is noise: the estimate is held unless reference > 0, Wd > 0 and |W| > gate * reference,
-    and while the voltage brakes. `lowest` to `highest` is the window of the frequency. With `k_T` (Hz/degC)
-    the estimate moves on every sample as the plate's temperature does.
+    a reference below `least` counting as that, and while the voltage brakes. `lowest` to `highest` is the
+    window of the frequency. With `k_T` (Hz/degC) the estimate moves on every sample as the plate's
+    temperature does.
 
     Called on every sample, as the PI is: one clock for both. `start` is the first frequency in Hz.
     """
@@ -145,6 +153,7 @@ class _SignTracker(NamedTuple):
     every: float
     size: float = 10.0
     gate: float = 0.2
+    least: float = 0.0
     lowest: float = 0.0
     highest: float = NO_LIMIT
     source: Source | None = None
@@ -175,6 +184,7 @@ class _PLL(NamedTuple):
     max_step: float
     start: float
     gate: float = 0.2
+    least: float = 0.0
     lowest: float = 0.0
     highest: float = NO_LIMIT
     source: Source | None = None

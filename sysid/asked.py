@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 FIT = "a Fit, which sysid.fit(logs) returns"
 LOG = "a Log, of those that sysid.read_logs(paths) returns"
 LOOP = "a Loop, which controller.design(posterior) returns"
+PROFILE = "a number, or a sysid.Profile of it over time"
 
 
 def refuse(name: str, value: Any, expected: str) -> NoReturn:
@@ -39,10 +40,10 @@ def every(name: str, values: Any, kind: Any, expected: str) -> list:
     return found
 
 
-def number(name: str, value: Any) -> float:
+def number(name: str, value: Any, expected: str = "a number") -> float:
     """A number, of whatever library. Raises TypeError for what is none, a text of one included."""
     try:
         math.isfinite(value)
     except (TypeError, ValueError):
-        refuse(name, value, "a number")
+        refuse(name, value, expected)
     return float(value)

@@ -11,6 +11,12 @@ from sysid.asked import every, given, number
 from sysid.command.arguments import effects as commanded
 from sysid.effects.registry import EVERY, chosen
 
+SCENE = sysid.Scene(
+    sysid.Plant(0.02, 1.67e-3, 32300.0, None),
+    {"drive": sysid.Profile.constant(1.0), "frequency": sysid.Profile.constant(32300.0)},
+    10,
+    1e4,
+)
 LOG, FIT, LOOP = (
     "expected a Log, of those that sysid.read_logs",
     "expected a Fit, which",
@@ -62,6 +68,11 @@ def made(joint_fit):
             lambda m: controller.closed_loop(m["loop"], "a.toml"),
             "one of scenes = 'a.toml'",
             "Scene.from_toml",
+        ),
+        (
+            lambda m: controller.closed_loop(m["loop"], SCENE, [1.0, 2.0]),
+            "reference of the type list",
+            "a number, or a sysid.Profile",
         ),
         (lambda m: controller.export_c(m["posterior"], "x.h"), "loop of the type Posterior", LOOP),
         (lambda m: controller.as_dict(m["fit"]), "loop of the type Fit", LOOP),

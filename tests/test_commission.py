@@ -48,8 +48,10 @@ def run(plant=PLATE, loop=LOOP, seed=0, std=0.01, **changes):
     )
     columns = {
         "time": trace.time,
-        "drive": trace.V,
-        "frequency": trace.f,
+        "drive": np.append(
+            0.0, trace.V[:-1]
+        ),  # a row holds the command of the step before, as the header says
+        "frequency": np.append(trace.f[0], trace.f[:-1]),
         "kind": "transient",
         "sampling": "instant",
     }
@@ -185,12 +187,13 @@ def test_a_sensor_that_is_turned_is_seen_in_the_frequency():
 
 @pytest.mark.parametrize("more", [0.0, 1e-4, 3e-4])
 def test_a_missing_delay_is_named(more):
-    """In a step of a loop that is designed for a sample and the demodulator."""
+    """In a step of a loop that is designed for a sample and the demodulator: that sample is over in a row that
+    holds the command of the step before, and a second one was once taken for it."""
     for seed in range(3):
         found = {
             f.what: f for f in check(NOTE, run(loop=dataclasses.replace(LOOP, latency=T + more), seed=seed))
         }
-        assert abs(number(found["delay"].found, " us") - 1e6 * (LOOP.delay + more)) < 20
+        assert abs(number(found["delay"].found, " us") - 1e6 * (LOOP.delay - T + more)) < 20
         assert found["delay"].kept == (more == 0.0)
     assert more == 0.0 or abs(number(found["delay"].hint, " us more") - 1e6 * more) < 20
 
@@ -253,3 +256,12 @@ def test_logs_or_a_check_but_not_both_nor_none(capsys):
             main(arguments)
         assert ended.value.code == 2
     capsys.readouterr()
+
+
+def test_a_start_at_a_fiftieth_of_the_amplitude_finds_the_resonance():
+    """300 Hz away: in run a tracker holds below a fiftieth, and a start would be lost if it did as well."""
+    given = [lanes.Lane(f0=off) for off in (-300.0, 0.0, 300.0)]
+    rows = lanes.play(LOOP, given, 3000, 0.04, noise=2e-4)
+    assert (rows["mode"][-1] == 4).all()
+    np.testing.assert_allclose(rows["f"][-500:].mean(axis=0) - 32300.0, [-300.0, 0.0, 300.0], atol=2.0)
+    np.testing.assert_allclose(rows["W"][-1], 0.04, rtol=0.05)

@@ -72,6 +72,7 @@ LOOPS = {
     "pi": {},
     "pi-rig": {"rig": FULL},
     "pi-no-f0": {"source": SimpleNamespace(G=-0.02, tau=TAU, f0=None)},
+    "pi-negative": {"source": SimpleNamespace(G=-0.02, tau=TAU, f0=32300.0, k_T=-10.16)},
     "paper": {"method": "paper"},
     "pll-rig": {"method": "pll", "rig": FULL},
     "adaptive": {"method": "adaptive"},

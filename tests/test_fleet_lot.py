@@ -294,3 +294,30 @@ def test_noise_that_the_lot_has_is_said_where_chance_does_not_make_it():
         frame["way_why"] = ["noise in proportion to the response"] * count + [""] * (40 - count)
         said = [line for line in words.said(frame) if line.startswith("noise in proportion")]
         assert len(said) == expected and all("in 12 plates" in line for line in said)
+
+
+def test_a_copy_under_another_name_is_told_from_a_plate_that_is_like_another():
+    """The numbers of two of a thousand plates are one reading's; the
+    nearest two that were drawn are no copies, nor is one whose fit found a further parameter."""
+    frame = table(drawn(np.random.default_rng(11), 1000), ERRORS * 1e-3)
+    numbers = [f"{name}{end}" for name in ("G", "tau", "f0") for end in ("", "_std")]
+    frame.loc[[7, 30], numbers] = frame.loc[[700, 31], numbers].to_numpy()
+    frame.loc[30, ["k_T", "k_T_std", "k_T_determined"]] = [-10.0, 0.1, True]
+    why = with_odd(frame)[0]["odd_why"]
+    assert why[7] == "its readings are those of P700: one of the two is a copy under another name"
+    assert why[700].startswith("its readings are those of P7:")
+    assert why.str.contains("copy").sum() == 2
+
+
+def test_a_plate_that_was_measured_in_the_warmth_is_said_to_be():
+    """f0 of a plate at 35 degC, 112 Hz below: where others are at 24, that is the first thing to look at; where
+    a fifth of the lot is as warm, it is not the plate's own."""
+    places = drawn(np.random.default_rng(12), 100)
+    places[5, 2] -= 200.0
+    warm = np.full(100, 24.0)
+    warm[5] = 35.0
+    said = with_odd(table(places, reference_temperature_degC=warm))[0]["odd_why"]
+    assert said[5].startswith("f0 ") and said[5].endswith("; at 35 degC, where the lot is at 24 degC")
+    warm[::5] = 35.0
+    said = with_odd(table(places, reference_temperature_degC=warm))[0]["odd_why"]
+    assert "degC" not in str(said[5])

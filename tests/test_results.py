@@ -278,13 +278,14 @@ def loaded(saved):
     return sysid.load(saved)
 
 
-def test_what_is_loaded_is_what_was_saved(fit, posterior, loaded):
+def test_what_is_loaded_is_what_was_saved(fit, posterior, saved, loaded):
     again = loaded.posterior
     assert repr(loaded) == repr(fit) and loaded.parameters == fit.parameters and loaded.plant == fit.plant
     assert again.summary() == posterior.summary() and again.fit is loaded and again.below.fit is loaded
     assert loaded.to_frame().equals(fit.to_frame()) and again.to_frame().equals(posterior.to_frame())
     np.testing.assert_array_equal(loaded.covariance, fit.covariance)
     assert np.isnan(again.seconds)  # times are of the run that is over
+    assert repr(sysid.load(saved / "fit.json")) == repr(fit)  # as compare_fits takes it
 
 
 def test_what_is_loaded_works_on(bench, fit, posterior, loaded, loop):

@@ -360,3 +360,9 @@ def test_a_timer_of_100_MHz_does_not_chatter(method):
     # %
     lost = 1 - W[1000:].mean(0) / 2.0
     assert lost.max() < 0.0015 and lost.min() > -0.0030
+
+
+def test_a_rig_file_may_bear_the_mark_of_windows(tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text("sample_time_us = 50\r\n", encoding="utf-8-sig")
+    assert controller.Rig.from_toml(path).sample_time == 5e-5

@@ -2,14 +2,17 @@
 shows."""
 
 import dataclasses
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import sysid
-from sysid import Plant, Profile, Scene
+from sysid import Plant, Profile, Scene, SceneError
 from sysid.scene import EFFECTS
+from sysid.scene.cli import main as simulate
 
 SCENES = Path(__file__).parents[1] / "data" / "synthetic" / "scenes"
 PLATE = Plant(G=0.02, tau=1.669041003e-3, f0=32300.0, k_T=-10.16)
@@ -292,3 +295,47 @@ def test_two_scenes_of_one_seed_have_no_noise_in_common():
     )
     assert np.array_equal(first, again)
     assert abs(np.vdot(first, other)) < 4 * np.var(first) * np.sqrt(len(quiet))  # four standard errors
+
+
+NUMBERS = [(cls, f) for cls in EFFECTS.values() for f in dataclasses.fields(cls) if f.metadata.get("sign")]
+
+
+@pytest.mark.parametrize(("cls", "number"), NUMBERS, ids=lambda x: getattr(x, "name", None))
+def test_a_number_that_means_nothing_is_refused_by_its_key(cls, number):
+    """What a limit, a time, a deviation is below zero, and a step at zero: an amplifier whose limit was
+    negative drove with it, and a step of zero left rows of nan."""
+    least = {"+": 0.0, "0+": -1e-9, "share": 1.1}[number.metadata["sign"]]
+    inputs = {
+        name: Profile.constant(x) for name, x in (("drive", 1.0), ("frequency", 32300.0), ("force", 1.0))
+    }
+    plant = Plant(0.02, 1.669e-3, 32300.0, -10.16)
+    for value in (least, -1.0, math.nan, math.inf):
+        with pytest.raises(SceneError, match=rf"effects\.{cls.name}\.{number.name}, expected a"):
+            Scene(plant, inputs, 10, 1e4, (cls(**{number.name: value}),))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("frequency", 0.0), ("frequency", -5.0), ("temperature", -300.0)]
+)
+def test_an_input_that_cannot_be_is_refused(name, value):
+    inputs = {"drive": Profile.constant(1.0), "frequency": Profile.constant(32300.0)}
+    with pytest.raises(SceneError, match=f"found a {name} of {value:g}"):
+        Scene(Plant(0.02, 1.669e-3, 32300.0, -10.16), inputs | {name: Profile.constant(value)}, 10, 1e4)
+
+
+def test_the_command_takes_patterns_a_folder_of_a_fit_and_a_mark_of_windows(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = (SCENES / "figure_6_sweep.toml").read_text(encoding="utf-8")
+    for name in ("a", "b"):
+        Path(f"scene_{name}.toml").write_text(text, encoding="utf-8-sig")
+    Path("fit").mkdir()
+    values = {"G": 0.02, "tau": 1.669e-3, "f0": 32310.0, "k_T": None}
+    known = {"parameters": {n: {"value": v} for n, v in values.items()}, "reference_temperature_degC": None}
+    Path("fit/fit.json").write_text(json.dumps(known))
+    assert simulate(["scene_*.toml", "-o", "logs", "--fit", "fit"]) == 0
+    (log, _) = sysid.read_logs("logs/*.csv")
+    assert abs(log.frequency[np.argmax(np.abs(log.response))] - 32310.0) < 11.0
+    assert simulate(["scene_a.toml", str(Path("scene_a.toml").resolve()), "-o", "logs"]) == 2
+    assert simulate(["none_*.toml"]) == 2
+    said = capsys.readouterr().err
+    assert "found the name of scene_a.toml" in said and "found no file that fits this pattern" in said

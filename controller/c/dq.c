@@ -38,6 +38,7 @@ typedef struct {
 /* What the machine asks of law and guard in a step. */
 typedef struct {
     dq_real reference, share;
+    dq_real least;           /* amplitude that the tracker counts as asked for, at least */
     dq_real lowest, highest; /* of the voltage */
     int frozen;              /* no tracker */
     int open;                /* no law: `stated` */
@@ -270,11 +271,17 @@ static dq_real wanted_step(dq_state *s, reading W, int moves)
     return p->tracker_lead * (s->ratio - before) + p->tracker_gain * left;
 }
 
-/* The frequency, above f0. `braked`: the voltage that made W was negative, so that Wq has the other sign. */
+/* |W| from which it tells the plate from noise. */
+static dq_real gate_of(const dq_params *p, const request *asked)
+{
+    return p->gate * (asked->reference > asked->least ? asked->reference : asked->least);
+}
+
+/* The frequency, above f0. `braked`: the voltage that made W was against it, so that Wq has the other sign. */
 static dq_real track(dq_state *s, const request *asked, reading W, dq_real temperature, int braked)
 {
     const dq_params *p = &s->params;
-    const dq_real threshold = p->gate * asked->reference;
+    const dq_real threshold = gate_of(p, asked);
     const int due = ++s->count >= p->every;
     const int vibrates = asked->reference > C(0) && W.d > C(0) && W.d * W.d + W.q * W.q > threshold * threshold;
     const int moves = due && W.there && vibrates && !braked;
@@ -319,7 +326,7 @@ static void predict(const dq_params *p, dq_real Z[2], dq_real damping, dq_real o
 static void observe(dq_state *s, const request *asked, reading W, dq_real Z[2])
 {
     const dq_params *p = &s->params;
-    const dq_real threshold = p->gate * asked->reference;
+    const dq_real threshold = gate_of(p, asked);
     const dq_real *seen_d = &s->past_d[p->late], *seen_q = &s->past_q[p->late];
     dq_real e_d = C(0), e_q = C(0), size, rate;
     int learns;
@@ -647,6 +654,7 @@ static request requested(dq_state *s)
     request r;
 
     r.reference = asked;
+    r.least = s->mode == DQ_MODE_RUN ? p->find : C(0);
     r.share = s->share;
     r.highest = starts && capped < p->voltage_highest ? capped : p->voltage_highest;
     r.lowest = clip(p->voltage_lowest, -r.highest, C(0));
@@ -791,7 +799,7 @@ static int32_t drive(dq_state *s, const dq_input *in, reading W, const request *
     } else if (p->law == DQ_LAW_ADAPTIVE) {
         *c = adaptive_law(s, r, W, s->told);
     } else {
-        const int braked = s->output < C(0);
+        const int braked = p->kp > C(0) ? s->output < C(0) : s->output > C(0);
         dq_real offset = s->offset;
 
         c->voltage = amplitude_loop(s, r, W);

@@ -76,14 +76,15 @@ def _put_report(
 
 
 def load(folder: str | Path) -> Fit:
-    """The fit of a set that `identify`, `fit.save` or `posterior.save` wrote, and as `fit.posterior` the
-    posterior with it.
+    """The fit of a set that `identify`, `fit.save` or `posterior.save` wrote, by its folder or its fit.json,
+    and as `fit.posterior` the posterior with it.
 
     Nothing of it is run: the file holds numbers, texts and names of a few types. Raises ValueError, with
     the file, what was found and what was expected, for a folder without a set, for files that are cut off,
     changed or of another run, and for a set of another version whose parts have changed since.
     """
     folder = Path(folder)
+    folder = folder.parent if folder.name == outputs.FIT else folder
     wanted = _digest(folder / outputs.FIT)
     path = folder / outputs.KEPT
     try:

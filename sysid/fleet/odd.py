@@ -9,10 +9,11 @@ import pandas as pd
 
 from sysid.fleet.lot import ALARMS, UNITS, Judged, judged, summary
 from sysid.fleet.table import texts
-from sysid.model.theta import POSITIVE
+from sysid.model.theta import PLANT, POSITIVE
 from sysid.verdict.result import Result
 
 COMMON = 0.1  # of the plates: what more of them show is the lot's own
+SAME = 1e-6  # of its error: two plates whose parameters all are as near are one reading, by any chance
 FAR = 3.0  # standard deviations of a lot, from which on a parameter is named
 
 
@@ -21,12 +22,13 @@ def with_odd(frame: pd.DataFrame) -> tuple[pd.DataFrame, Judged | None]:
     as far out; NaN: not judged) and `group` (1; 2 of the smaller half of a lot that is two), and what is
     known of the lot.
 
-    Odd is what does not belong to the lot, and what nothing vouches for: a plate that is not identified.
+    Odd is what does not belong to the lot, and what nothing vouches for: a plate that is not identified, or
+    that shows another's readings.
     """
     found = judged(frame)
     why = [_unidentified(row) for row in frame.itertuples()]
     chance, group = np.full(len(frame), np.nan), np.ones(len(frame), int)
-    for at, said in _shown(frame).items():
+    for at, said in (_shown(frame) | _copied(frame)).items():
         why[at] = said
     if found is not None:
         chance[found.index] = found.chances
@@ -34,7 +36,8 @@ def with_odd(frame: pd.DataFrame) -> tuple[pd.DataFrame, Judged | None]:
             group[found.index] = 1 + found.parted[1].second
         for k in np.flatnonzero(found.odd):
             at = int(found.index[k])
-            why[at] = "; ".join([*_reasons(found, int(k)), *filter(None, [why[at]])])
+            beside = _elsewhere(frame, at)
+            why[at] = "; ".join([*_reasons(found, int(k)), *filter(None, [beside, why[at]])])
     told = pd.DataFrame(
         {"odd": [bool(said) for said in why], "odd_why": texts([said or None for said in why])}
     )
@@ -70,6 +73,33 @@ def _shown(frame: pd.DataFrame) -> dict[int, str]:
             if f["evidence"] is None or f["evidence"] > least:
                 told.setdefault(k, f"{f['sentence']} (so in {counts[key]} of {len(good)} plates)")
     return told
+
+
+def _copied(frame: pd.DataFrame) -> dict[int, str]:
+    """Of plates whose parameters are another's to the digit: by their place in the table, a sentence."""
+    good = frame[frame["result"] == Result.successful.value].sort_values(["tau", "plate"])
+    names = [name for name in PLANT if f"{name}_std" in good]
+    values, errors = (good[[f"{n}{end}" for n in names]].to_numpy(float) for end in ("", "_std"))
+    apart = np.abs(np.diff(values, axis=0)) <= SAME * errors[1:]
+    same = (apart | np.isnan(values[1:])).all(axis=1) & (np.isnan(values[1:]) == np.isnan(values[:-1])).all(
+        axis=1
+    )
+    told, plates, at = {}, list(good["plate"]), list(good.index)
+    for k in np.flatnonzero(same):
+        for one, other in ((k, k + 1), (k + 1, k)):
+            told[at[one]] = (
+                f"its readings are those of {plates[other]}: one of the two is a copy under another name"
+            )
+    return told
+
+
+def _elsewhere(frame: pd.DataFrame, at: int) -> str:
+    """That a plate's numbers hold at a temperature at which few others' do; else nothing."""
+    warm = frame["reference_temperature_degC"].to_numpy(float)
+    apart = np.abs(warm - np.nanmedian(warm)) if np.isfinite(warm[at]) else np.zeros(len(warm))
+    if not apart[at] or np.mean(apart >= apart[at]) > COMMON:
+        return ""
+    return f"at {warm[at]:.3g} degC, where the lot is at {np.nanmedian(warm):.3g} degC"
 
 
 def _reasons(found: Judged, k: int) -> Iterator[str]:

@@ -34,26 +34,30 @@ def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | 
         command.error("found --draw without --fit: expected the fit.json whose posterior it is of")
     if arguments.logs < 1:
         command.error(f"found --logs {arguments.logs}, expected 1 or more")
+    from sysid.logs.opening import expanded
     from sysid.report.text import clean
     from sysid.scene.scene import SceneError
     from sysid.scene.toml import fitted, listed
+    from sysid.tables.textfile import LogError
 
     if arguments.effects:
         with reader():
             print(listed())
         return 0
     try:
-        scenes = [(opened or SceneFile.opened)(path) for path in arguments.scenes]
+        paths = expanded(arguments.scenes)
+        _told_apart(paths)
+        scenes = [(opened or SceneFile.opened)(path) for path in paths]
         if arguments.fit:
             plant = fitted(Path(arguments.fit), arguments.draw)
             scenes = [scene.with_plant(plant) for scene in scenes]
         folder = Path(arguments.folder)
         folder.mkdir(parents=True, exist_ok=True)
-        for scene, path in zip(scenes, arguments.scenes, strict=True):
+        for scene, path in zip(scenes, paths, strict=True):
             for seed in range(arguments.seed, arguments.seed + arguments.logs):
                 mark = f"_{seed}" if arguments.logs > 1 else ""
                 _write(scene, seed, folder / f"{Path(path).stem}{mark}.csv", arguments.waveform)
-    except SceneError as error:
+    except (SceneError, LogError) as error:
         print(f"{command.prog}: {clean(str(error))}", file=sys.stderr)
         return 2
     except OSError as error:
@@ -65,6 +69,19 @@ def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | 
     return 0
 
 
+def _told_apart(paths: Sequence[str]) -> None:
+    """Raise SceneError for two scenes whose logs would be one file."""
+    from sysid.scene.scene import SceneError
+
+    first: dict[str, str] = {}
+    for path in paths:
+        other = first.setdefault(Path(path).stem, path)
+        if other != path:
+            raise SceneError(
+                f"{path}: found the name of {other}, expected another: logs have their scenes' names"
+            )
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=called("simulate"),
@@ -72,7 +89,9 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     what = parser.add_mutually_exclusive_group(required=True)
-    what.add_argument("scenes", nargs="*", default=[], metavar="SCENES", help="scene files (TOML)")
+    what.add_argument(
+        "scenes", nargs="*", default=[], metavar="SCENES", help="scene files (TOML), or patterns"
+    )
     what.add_argument(
         "--effects",
         action="store_true",
@@ -90,7 +109,9 @@ def _parser() -> argparse.ArgumentParser:
         help="logs of each scene, from successive seeds (%(default)s)",
     )
     parser.add_argument(
-        "--fit", metavar="FILE", help="a fit.json whose plant takes the place of each scene's own"
+        "--fit",
+        metavar="FILE",
+        help="a fit.json, or its folder, whose plant takes the place of each scene's own",
     )
     parser.add_argument(
         "--draw", type=int, metavar="N", help="draw number N of that fit's posterior instead of its mean"

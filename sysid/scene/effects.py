@@ -71,9 +71,9 @@ def effect(name: str, kind: str) -> Callable[[type[T]], type[T]]:
     return register
 
 
-def number(default: float, unit: str = "1") -> Any:
-    """A leaf in `unit`; "response" and "drive" stand for the scene's own units."""
-    return field(default=default, metadata={"unit": unit})
+def number(default: float, unit: str = "1", sign: str = "") -> Any:
+    """A leaf in `unit`; "response" and "drive" stand for the scene's own units. `sign`: of scene.SIGNS."""
+    return field(default=default, metadata={"unit": unit, "sign": sign})
 
 
 def word(default: Any, *choices: str) -> Any:
@@ -90,7 +90,7 @@ class Inverter:
     """Duty cycle to voltage: V = supply * duty, or the fundamental of a three-level inverter, (4/pi) supply
     sin(pi duty/2)."""
 
-    supply: float = number(200.0, "drive")
+    supply: float = number(200.0, "drive", "+")
     law: str = word("linear", "linear", "sine")
 
     def drive(self, inputs: Inputs) -> Inputs:
@@ -102,7 +102,7 @@ class Inverter:
 class AmplifierLimit:
     """The amplifier saturates: -limit <= V <= limit. Default: 3.5 times the drive of 2 um at 0.02 um/V."""
 
-    limit: float = number(350.0, "drive")
+    limit: float = number(350.0, "drive", "+")
 
     def drive(self, inputs: Inputs) -> Inputs:
         return inputs._replace(drive=jnp.clip(inputs.drive, -self.limit, self.limit))
@@ -113,7 +113,7 @@ class FrequencyResolution:
     """A timer or synthesiser whose frequency is a multiple of `step`: f = step * round(f/step). It reports
     that frequency."""
 
-    step: float = number(10.0, "Hz")
+    step: float = number(10.0, "Hz", "+")
 
 
 @effect("phase_reset", "drive")
@@ -134,9 +134,9 @@ class FingerDamping:
     contact-area laws. Where the scene has an input `contact`, rho is that times it: a finger on a nodal line
     takes less than one beside it."""
 
-    rho: float = number(1.0)
-    scale: float = number(0.6, "N")
-    exponent: float = number(2 / 3)
+    rho: float = number(1.0, sign="0+")
+    scale: float = number(0.6, "N", "+")
+    exponent: float = number(2 / 3, sign="+")
     law: str = word("saturating", "saturating", "power")
 
     def ratio(self, inputs: Inputs) -> Array:
@@ -203,9 +203,9 @@ class SelfHeating:
     88 g."""
 
     feels: ClassVar[bool] = True
-    capacity: float = number(80.0, "J/K")
-    loss: float = number(0.55, "W/K")
-    damping: float = number(53.0, "N*s/m")
+    capacity: float = number(80.0, "J/K", "+")
+    loss: float = number(0.55, "W/K", "+")
+    damping: float = number(53.0, "N*s/m", "0+")
     metres: float = field(default=1e-6, metadata={"given": True})  # of one unit of the response
 
     def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:
@@ -225,8 +225,8 @@ class SecondMode:
 
     repeats: ClassVar[bool] = True
     G: float = number(0.002, "response/drive")
-    tau: float = number(1.5e-3, "s")
-    f0: float = number(33500.0, "Hz")
+    tau: float = number(1.5e-3, "s", "+")
+    f0: float = number(33500.0, "Hz", "+")
     k_T: float = number(0.0, "Hz/degC")
     seen: float = number(1.0)
     parity: str = word("odd", "odd", "even")
@@ -243,8 +243,8 @@ class TwoCeramics:
     atan(1/(omega R C))."""
 
     mismatch: float = number(0.05)
-    resistance: float = number(1e6, "ohm")
-    capacitance: float = number(4e-9, "F")
+    resistance: float = number(1e6, "ohm", "+")
+    capacitance: float = number(4e-9, "F", "+")
 
     def sense(self, response: Array, inputs: Inputs) -> Array:
         return response * jnp.exp(1j * jnp.arctan(1 / (inputs.omega * self.resistance * self.capacitance)))
@@ -277,7 +277,7 @@ class LockIn:
     """The demodulator's filter: `order` one-pole low-passes of time constant `tau` in a row, solved
     exactly."""
 
-    tau: float = number(50e-6, "s")
+    tau: float = number(50e-6, "s", "+")
     order: int = word(1)
 
 
@@ -285,7 +285,7 @@ class LockIn:
 class Delay:
     """A row shows the response of `time` before it."""
 
-    time: float = number(10e-6, "s")
+    time: float = number(10e-6, "s", "0+")
 
 
 @effect("offset", "sense")
@@ -307,7 +307,7 @@ class Offset:
 class WhiteNoise:
     """Gaussian, `std` in each of Wd and Wq, independent from row to row."""
 
-    std: float = number(0.02, "response")
+    std: float = number(0.02, "response", "0+")
 
     def noise(self, response: Array, key: Array, step: Array, state: Any) -> tuple[Array, Any]:
         return response + self.std * _normal(key, len(response)), state
@@ -318,8 +318,8 @@ class ColouredNoise:
     """Gaussian, `std` in each of Wd and Wq, correlated by exp(-|t|/time): Ornstein-Uhlenbeck, exact on the
     rows."""
 
-    std: float = number(0.02, "response")
-    time: float = number(1e-3, "s")
+    std: float = number(0.02, "response", "0+")
+    time: float = number(1e-3, "s", "0+")
 
     def init(self, key: Array) -> Array:
         return self.std * _normal(key, 1)[0]
@@ -336,8 +336,8 @@ class ColouredNoise:
 class Outliers:
     """Each row is, with probability `fraction`, off by a Gaussian of `std` in each of Wd and Wq."""
 
-    fraction: float = number(0.01)
-    std: float = number(0.5, "response")
+    fraction: float = number(0.01, sign="share")
+    std: float = number(0.5, "response", "0+")
 
     def noise(self, response: Array, key: Array, step: Array, state: Any) -> tuple[Array, Any]:
         which, size = jax.random.split(key)
@@ -349,8 +349,8 @@ class Outliers:
 class DropOuts:
     """The signal is lost (zero) for `duration`, on average `rate` times a second: a vibrometer's speckle."""
 
-    rate: float = number(5.0, "1/s")
-    duration: float = number(1e-3, "s")
+    rate: float = number(5.0, "1/s", "0+")
+    duration: float = number(1e-3, "s", "0+")
 
     def init(self, key: Array) -> Array:
         return jnp.asarray(-jnp.inf)
@@ -367,7 +367,7 @@ class DropOuts:
 class Saturation:
     """The recorder clips Wd and Wq at +-limit."""
 
-    limit: float = number(2.0, "response")
+    limit: float = number(2.0, "response", "+")
 
     def noise(self, response: Array, key: Array, step: Array, state: Any) -> tuple[Array, Any]:
         return jnp.clip(response.real, -self.limit, self.limit) + 1j * jnp.clip(
@@ -379,7 +379,7 @@ class Saturation:
 class Quantisation:
     """The recorder's steps: Wd and Wq to the nearest multiple of `step`."""
 
-    step: float = number(0.01, "response")
+    step: float = number(0.01, "response", "+")
 
     def noise(self, response: Array, key: Array, step: Array, state: Any) -> tuple[Array, Any]:
         return self.step * (

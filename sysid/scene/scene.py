@@ -19,7 +19,8 @@ std_nm = 20
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,16 @@ from sysid.shown import Shown
 
 FIDELITIES = (*engine.RUNGS, "carrier", "auto")
 MOST_STEPS = 16384  # between two rows
+ABSOLUTE_ZERO = -273.15  # degC
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
+
+# What a number of a scene has to be where it means nothing otherwise: a limit, a time constant, a deviation.
+SIGNS: dict[str, tuple[str, Callable[[float], bool]]] = {
+    "": ("a finite number", math.isfinite),
+    "+": ("a number above zero", lambda x: 0 < x < math.inf),
+    "0+": ("a number of zero or more", lambda x: 0 <= x < math.inf),
+    "share": ("a share, from 0 to 1", lambda x: 0 <= x <= 1),
+}
 
 
 class SceneError(ValueError):
@@ -155,9 +165,22 @@ def _contradictions(scene: Scene) -> Iterator[str]:
         yield f"found {scene.rows} rows at {scene.rate:g} Hz, expected one row or more and a rate above zero"
     if scene.substeps < 1 or scene.substeps > MOST_STEPS:
         yield f"found {scene.substeps} steps between rows, expected 1 to {MOST_STEPS}"
+    yield from _of_numbers(scene)
     yield from _of_fingers(scene)
     yield from _of_warmth(scene)
     yield from _of_what_moves(scene)
+
+
+def _of_numbers(scene: Scene) -> Iterator[str]:
+    """Numbers that mean nothing. One that JAX traces is not looked at."""
+    for effect in scene.effects:
+        for f in dataclasses.fields(effect):
+            value, (expected, holds) = getattr(effect, f.name), SIGNS[f.metadata.get("sign", "")]
+            if isinstance(value, int | float) and not holds(value):
+                yield f"found {value:g} for effects.{effect.name}.{f.name}, expected {expected}"
+    for name, least, unit in (("frequency", 0.0, "Hz"), ("temperature", ABSOLUTE_ZERO, "degC")):
+        if (given := scene.inputs.get(name)) and (lowest := given.values.min()) <= least:
+            yield f"found a {name} of {lowest:g} {unit}, expected more than {least:g}"
 
 
 def _of_fingers(scene: Scene) -> Iterator[str]:

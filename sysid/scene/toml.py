@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from sysid.model.plant import Plant
-from sysid.scene.effects import EFFECTS, FingerDamping, SelfHeating
+from sysid.scene.effects import EFFECTS, FingerDamping
 from sysid.scene.profile import Profile
 from sysid.scene.scene import FIDELITIES, Scene, SceneError
 from sysid.scene.timeline import INPUTS
@@ -35,7 +35,7 @@ def load(path: Path) -> Scene:
 def read(path: Path) -> dict[str, Any]:
     """The tables of a file. Raises SceneError."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise SceneError(f"{path}: cannot be read: {error}") from None
 
@@ -65,7 +65,7 @@ class Reader:
         if rows is None:
             rows = round(self.number("log", log, "duration", "s") * rate) + 1
         elif not isinstance(rows, int) or isinstance(rows, bool):
-            self.refuse("log.rows", rows, "a whole number")
+            self.refuse("log.rows", repr(rows), "a whole number")
         fidelity = document.get("fidelity", "exact")
         if fidelity not in FIDELITIES:
             self.refuse("fidelity", fidelity, " or ".join(FIDELITIES))
@@ -219,10 +219,7 @@ class Reader:
 
     def one(self, key: str, cls: type, table: Any) -> Any:
         """An effect. Its fields say unit and choices."""
-        found = cls(**self.values(key, cls, table))
-        if cls is SelfHeating and min(found.capacity, found.loss) <= 0:
-            self.refuse(key, table, "a capacity and a loss above zero")
-        return found
+        return cls(**self.values(key, cls, table))
 
     def values(self, key: str, cls: type, table: Any) -> dict[str, Any]:
         """What a table says of the fields of `cls`, made by `effects.number` and `effects.word`."""
@@ -254,7 +251,7 @@ class Reader:
             self.refuse(f"{table}.{name}", None, f"a number in {self.own(unit)}")
         value = values[key]
         if not isinstance(value, int | float) or isinstance(value, bool) or not np.isfinite(value):
-            self.refuse(f"{table}.{key}", value, "a number")
+            self.refuse(f"{table}.{key}", repr(value), "a number")
         try:
             return float(
                 self.convert(float(value), _unit(key[len(name) + 1 :]) or self.own(unit), self.own(unit))
@@ -285,10 +282,9 @@ class Reader:
         """Refuse a key that is none of `names`: a slip of the pen must not be an effect that is missing."""
         for key in values:
             if key not in names and not (units_too and any(key.startswith(f"{n}_") for n in names)):
-                where = f"{table}.{key}" if table else key
-                self.refuse(
-                    where, "an unknown key", f"one of {', '.join(names)}{units.did_you_mean(key, names)}"
-                )
+                where, word = f"{table}.{key}" if table else key, key.partition("_")[0] if units_too else key
+                near = units.did_you_mean(key, names) or units.did_you_mean(word, names)
+                self.refuse(where, "an unknown key", f"one of {', '.join(names)}{near}")
         for name in names if units_too else ():
             stated = [k for k in values if k == name or (k.startswith(f"{name}_") and k not in names)]
             if len(stated) > 1:
@@ -338,7 +334,9 @@ def listed() -> str:
 
 
 def fitted(path: Path, draw: int | None = None) -> Plant:
-    """The plant of a `fit.json`, or of draw number `draw` of the posterior beside it. Raises SceneError."""
+    """The plant of a `fit.json` or of its folder, or of draw number `draw` of the posterior beside it. Raises
+    SceneError."""
+    path = path / "fit.json" if path.is_dir() else path
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         values = {name: content["parameters"][name]["value"] for name in ("G", "tau", "f0", "k_T")}
