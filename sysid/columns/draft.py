@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import GAINS, NOT_DATA, SCATTERING
+from sysid.columns.labels import GAINS, LOGARITHM, NOT_DATA, SCATTERING
 from sysid.columns.plan import ANGLES, SPLITS, per_drive
 from sysid.columns.preset import named, recognised
 from sysid.columns.roles import channels, lone_signal, plausible, roles, undecided, waveform
@@ -319,6 +319,11 @@ class _Draft:
             return self.ratio, ""
         if unit := self.known.get({"y": "x"}.get(name, name), ""):
             return unit, f"  # as it is written by {self.instrument}"
+        if LOGARITHM.match(self.head.names[index]):
+            return (
+                "?",
+                '  # of a logarithm "dB" alone is read, with scale = 20 of log10(A), 8.685889638 of ln(A)',
+            )
         angles = self.columns.numbers(index)
         if name == "phase" and self.ratio and len(angles) and np.max(np.abs(angles)) > 2 * np.pi:
             return "deg", "  # its numbers are too large for rad"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import INPUTS, NOT_DATA, Label
+from sysid.columns.labels import DRIVEN, INPUTS, NOT_DATA, Label
 from sysid.columns.survey import LEVELS, Columns, fits, is_hertz
 from sysid.tables import units
 from sysid.tables.densities import is_decibel
@@ -236,7 +236,8 @@ def _name(label: Label, ratio: str, found: Mapping[str, list[int]], moving: bool
     """What a column is called: an input, or a part of a response, which a column is not whose numbers are all
     the same (not `moving`), nor is it a time."""
     of_ratio = ratio and label.letter(ratio)
-    if not label.part and not of_ratio:
+    driven = label.part == "magnitude" and {*label.words[:1]} & DRIVEN and fits("voltage", label.unit)
+    if (not label.part or driven) and not of_ratio:
         fitting = [
             name for name in INPUTS if label.is_called(name) and (not label.unit or fits(name, label.unit))
         ]

@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from sysid.columns.labels import RATIOS, Label, parse
-from sysid.columns.plan import ANGLES, per_drive
+from sysid.columns.plan import ANGLES, PHASES, per_drive
 from sysid.tables import units
 from sysid.tables.cells import to_number
 from sysid.tables.csvfile import Head
@@ -132,7 +132,7 @@ class Columns:
 def fits(name: str, unit: str) -> bool:
     """Whether a unit is of the kind of what a mapping file calls so."""
     if name == "phase":
-        return unit in ANGLES
+        return unit in PHASES
     if name in ("magnitude", "w") and (unit in ANGLES or is_decibel(unit)):
         return is_decibel(unit)
     return units.fits(name, unit)

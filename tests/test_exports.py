@@ -1,0 +1,100 @@
+"""Files as instruments and people export them, each from a plate in closed form: what is drafted for them, what is
+asked, and what is read once a person has answered."""
+
+import re
+
+import numpy as np
+import pytest
+from refusal import refused
+from test_drafts import F, S, answered, asked, re_im, table
+
+from sysid.logs.read import read_logs
+
+W = 1j * S  # of a displacement, with the reference at the drive's cosine
+
+
+def read(save, content, name="log.csv", unit="V"):
+    """The log of a file, and what its draft asked; of one that needs none, nothing."""
+    path = save(content, name)
+    text = refused(path).mapping
+    return read_logs(path, columns=save(answered(text, unit), "map.toml"))[0], asked(text)
+
+
+# What heads say
+
+
+@pytest.mark.parametrize("unit, scale", [("mHz", 1e3), ("kHz", 1e-3), ("MHz", 1e-6)])
+@pytest.mark.parametrize("name", ["f", "freq", "Frequency"])
+def test_a_prefix_is_part_of_the_unit_behind_an_underscore(save, name, unit, scale):
+    """f_kHz was read as f_k, in Hz."""
+    log, _ = read(save, table(f"{name}_{unit},X_V,Y_V", scale * F, *re_im(S)))
+    np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "unit, turn",
+    [("turns", 1), ("cycles", 1), ("gon", 400), ("mrad", 2e3 * np.pi), ("deg", 360), ("rad", 2 * np.pi)],
+)
+def test_a_phase_is_read_in_whatever_angle_it_is_stated(save, unit, turn):
+    log, questions = read(
+        save,
+        table(f"Frequency (Hz),Amplitude (um),Phase ({unit})", F, abs(S), turn * np.angle(S) / 2 / np.pi),
+    )
+    assert questions == ["amplitude", "phase_sign"]
+    np.testing.assert_allclose(log.response, W, rtol=1e-10)
+
+
+AMPLITUDES = {
+    "Frequency (Hz),X (Vrms),Y (Vrms),Vosc (Vpk)": (np.sqrt(0.5), 1.0, "V"),
+    "Frequenz [Hz],X [Veff],Y [Veff],Uosc [Vss]": (np.sqrt(0.5), 2.0, "V"),
+    "f (Hz),X (um 0-p),Y (um 0-p),Drive (V 0-p)": (1.0, 1.0, "um"),
+    "f (Hz),X peak-to-peak (um),Y peak-to-peak (um),Excitation amplitude (Vpp)": (2.0, 2.0, "um"),
+    "f_Hz,X_um_pp,Y_um_pp,Drive eff [V]": (2.0, np.sqrt(0.5), "um"),
+}
+
+
+@pytest.mark.parametrize("head", AMPLITUDES)
+def test_peak_effective_and_peak_to_peak_are_told_by_the_heads(save, head):
+    response, drive, unit = AMPLITUDES[head]
+    log, questions = read(save, table(head, F, *re_im(response * S), 5 * drive + 0 * F))
+    assert "amplitude" not in questions
+    np.testing.assert_allclose(log.response, W, rtol=1e-11)
+    np.testing.assert_allclose(log.drive, 5.0, rtol=1e-12)
+    assert (log.response_unit, log.drive_unit) == (unit, "V")
+
+
+@pytest.mark.parametrize(
+    "head", ["Vss [V]", "VSS (V)", "w_ss", "Coeff [1]", "mass (g)", "Peak (V)", "steady_ss_V"]
+)
+def test_what_ends_like_an_amplitude_states_none(save, head):
+    text = refused(save(table(f"Frequency (Hz),X (um),Y (um),{head}", F, *re_im(S), 1 + 0 * F))).mapping
+    assert "amplitude" in asked(text) and not re.search(r'"(rms|pp|peak)" }', text)
+
+
+@pytest.mark.parametrize(
+    "head, unit",
+    [
+        ("Frequency [Hz],Real (m/s)/V,Imag (m/s)/V", "m"),
+        ("Hz,Real mm/s/V,Imaginary mm/s/V", "mm"),
+        ("kHz,Real m/s/N,Imag m/s/N", "m"),
+    ],
+)
+def test_a_ratio_at_the_end_of_a_head_is_one_unit(save, head, unit):
+    """Of (m/s)/V the V alone was read, and of a head Hz nothing."""
+    scale = 1e-3 if head.startswith("k") else 1.0
+    log, questions = read(save, table(head, scale * F, *re_im(S)))
+    assert questions == ["phase_sign"]
+    np.testing.assert_allclose(log.response, S / (2 * np.pi * F), rtol=1e-11)
+    np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
+    assert log.response_unit == unit and log.drive.tolist() == [1.0] * len(F)
+
+
+def test_a_logarithm_has_no_unit_of_what_it_is_of(save):
+    """ln(A) was read in amperes; the draft says how a logarithm is read."""
+    time = 1e-4 * np.arange(80)
+    path = save(table("t (ms),ln(A)", 1e3 * time, -time / 1.67e-3))
+    text = refused(path).mapping
+    assert "8.685889638 of ln(A)" in text
+    text = answered(text, "dB").replace('unit = "dB"', 'unit = "dB", scale = 8.685889638')
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
+    np.testing.assert_allclose(log.response.real, np.exp(-time / 1.67e-3), rtol=1e-9)
