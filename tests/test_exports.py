@@ -1,6 +1,7 @@
 """Files as instruments and people export them, each from a plate in closed form: what is drafted for them, what is
 asked, and what is read once a person has answered."""
 
+import pickle
 import re
 
 import numpy as np
@@ -11,6 +12,9 @@ from test_drafts import F, S, answered, asked, re_im, table
 from sysid.logs.read import read_logs
 
 W = 1j * S  # of a displacement, with the reference at the drive's cosine
+TIME = 1e-4 * np.arange(60)
+DRIVE = np.where(TIME > 0.00105, 50.0, 0.0)
+STEP = 1.0 - np.exp(-np.clip(TIME - 0.0011, 0, None) / 1.67e-3) + 1e-4j * np.cos(1e4 * TIME)
 
 
 def read(save, content, name="log.csv", unit="V"):
@@ -98,3 +102,63 @@ def test_a_logarithm_has_no_unit_of_what_it_is_of(save):
     text = answered(text, "dB").replace('unit = "dB"', 'unit = "dB", scale = 8.685889638')
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response.real, np.exp(-time / 1.67e-3), rtol=1e-9)
+
+
+# How lines stand in a file
+
+LOG = table("time_ms,voltage_V,frequency_Hz,wd_um,wq_um", 1e3 * TIME, DRIVE, 32300 + 0 * TIME, *re_im(STEP))
+
+
+def check_step(log):
+    np.testing.assert_allclose(log.time, TIME, atol=1e-12)
+    np.testing.assert_allclose(log.response, STEP, rtol=1e-12)
+    assert log.drive.tolist() == DRIVE.tolist() and log.kind == "transient"
+
+
+def test_lines_that_end_in_carriage_returns_alone(save):
+    check_step(read_logs(save(LOG.replace("\n", "\r")))[0])
+
+
+def test_the_times_of_a_serial_monitor_are_a_column(save):
+    """They were glued to the first column, which was left out: a step was read as settled points."""
+    lines = [f"12:00:00.{k:03d} -> {line}" for k, line in enumerate(LOG.splitlines())]
+    check_step(read_logs(save("\n".join(lines) + "\n", "monitor.txt"))[0])
+    later = re.sub(r"-> [^,]*,", "-> ", "\n".join(lines))  # without a time of its own
+    (log,) = read_logs(save(later, "later.txt"))
+    np.testing.assert_allclose(log.time, 1e-3 * np.arange(len(TIME)), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "content, words",
+    [
+        (b"SQLite format 3\0", "a database"),
+        (b'<?xml version="1.0"?>\n', "XML"),
+        (b"<!DOCTYPE html>\n", "a web page"),
+        (pickle.dumps({"f": 1.0}), "a pickle of Python, which is never opened"),
+    ],
+)
+def test_files_that_hold_no_table_are_called_what_they_are(tmp_path, content, words):
+    path = tmp_path / "log.csv"
+    path.write_bytes(content + b"1,2\n3,4\n")
+    refused(path, words, "save it as CSV")
+
+
+def test_a_spectrum_in_tdms_is_one_over_frequency(save, tmp_path):
+    """Its step in Hz was read as one in seconds, and the spectrum as a record over time."""
+    nptdms = pytest.importorskip("nptdms")
+    axis = {
+        "wf_start_offset": F[0],
+        "wf_increment": F[1] - F[0],
+        "wf_xname": "Frequency",
+        "wf_xunit_string": "Hz",
+    }
+    columns = {"Magnitude": (abs(S), "um"), "Phase": (np.degrees(np.angle(S)), "deg")}
+    with nptdms.TdmsWriter(str(tmp_path / "frf.tdms")) as file:
+        file.write_segment(
+            [nptdms.ChannelObject("FRF", k, x, axis | {"unit_string": u}) for k, (x, u) in columns.items()]
+        )
+    text = refused(tmp_path / "frf.tdms").mapping
+    (log,) = read_logs(tmp_path / "frf.tdms", columns=save(answered(text), "map.toml"))
+    np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
+    np.testing.assert_allclose(log.response, W, rtol=1e-10)
+    assert log.kind == "steady"
