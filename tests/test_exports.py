@@ -162,3 +162,47 @@ def test_a_spectrum_in_tdms_is_one_over_frequency(save, tmp_path):
     np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
     np.testing.assert_allclose(log.response, W, rtol=1e-10)
     assert log.kind == "steady"
+
+
+# Where the header is
+
+AROUND = {
+    "merged names above them": (",Lock-in,,Drive\nFrequency,X,Y,Voltage\n(Hz),(um),(um),(V)\n", ""),
+    "a line of remarks below the units": (
+        "Frequency\tX\tY\tVoltage\nHz\tum\tum\tV\n\tleft arm\t20 degC\t\n",
+        "",
+    ),
+    "an empty first column": (
+        "TAG\tSWEEP\nCURVE\tTABLE\n\tFrequency\tX\tY\tVoltage\n\tHz\tum\tum\tV\n",
+        "\t",
+    ),
+    "a word below the names": ("sweep 4\nFrequency (Hz), X (um), Y (um), Voltage (V)\nEnd Comments\n", ""),
+}
+
+
+@pytest.mark.parametrize("name", AROUND)
+def test_the_header_is_found_among_the_lines_above_the_rows(save, name):
+    above, before = AROUND[name]
+    rows = table("", F, *re_im(S), 5 + 0 * F).splitlines(keepends=True)
+    text = above + "".join(before + (row.replace(",", "\t") if "\t" in above else row) for row in rows)
+    log, questions = read(save, text, unit="um")
+    assert questions == ["amplitude", "phase_sign"]
+    np.testing.assert_allclose(log.response, W, rtol=1e-11)
+    assert log.drive.tolist() == [5.0] * len(F)
+
+
+@pytest.mark.parametrize("word", ["DATA,,", "Waveform Data,", "Values"])
+def test_settings_that_end_in_a_word_are_no_header(save, word):
+    settings = (
+        "Swept SA\nA.14.53,N9010A,503 F32\nSegment,\nPoints,51\nSweep Time,0.01\nRBW,10\nX Axis Units,Hz\n"
+    )
+    log, _ = read(save, f"{settings}{word}\n" + table("", F, abs(S)))
+    np.testing.assert_allclose(log.frequency, F)
+    np.testing.assert_allclose(abs(log.response), abs(S), rtol=1e-12)
+
+
+def test_a_time_that_stands_there_again_is_no_response(save):
+    """As of an oscilloscope that writes one before each channel."""
+    time = 1e-6 * np.arange(200)
+    text = refused(save(table("", time, np.sin(2e5 * time), time, np.cos(2e5 * time)))).mapping
+    assert "drive = { column = 1," in text and "response = { column = 3," in text

@@ -69,7 +69,7 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes,
     or a column beside two of volts. Empty for any other file."""
     time, count = guessed.get("time"), len(columns.labels)
-    others = [index for index in range(count) if index != time and columns.holds_data(index)]
+    others = [k for k in range(count) if k != time and columns.holds_data(k) and not columns.repeats(k, time)]
     volts = [index for index in others if fits("voltage", columns.unit(index))]
     pair = count == 3 and len(volts) == 2
     sampled = any(key.casefold().startswith("sample_rate") for key in columns.head.metadata)

@@ -101,6 +101,10 @@ class Columns:
             return False
         return len(self.numbers(column)) > 0 or self.head.dated(column)
 
+    def repeats(self, column: int, other: int | None) -> bool:
+        """Whether its first numbers are those of another column, as of a time that each channel has."""
+        return other is not None and np.array_equal(self.numbers(column), self.numbers(other))
+
     def counts(self, column: int) -> bool:
         """Whether it counts rows, frames say: whole numbers that go on by one step."""
         found = self.numbers(column)

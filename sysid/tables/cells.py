@@ -140,7 +140,7 @@ def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
     csv.writer(named, delimiter=delimiter).writerow(
         [name if not unit or name.endswith(_below(unit)) else f"{name}{_below(unit)}" for name, unit in pairs]
     )
-    return named.getvalue().strip()
+    return named.getvalue().rstrip("\r\n")
 
 
 def unbracketed(text: str) -> str:

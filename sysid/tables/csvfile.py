@@ -170,7 +170,7 @@ def _read_top(path: str, dialect: Dialect) -> Head:
             lines[k], encoding = _decoded(raws[k], encoding, number + k, notes)
         comments += [comment_of(lines[k], marks) for k in among]
         notes += left_out(lines, number, top, among)
-        line, above, depth = header_line(lines, top), top.names + top.units + 1, top.units + 1
+        line, above, depth = header_line(lines, top), top.rows, top.rows - top.names
         dialect = replace(dialect, delimiter=top.delimiter)
     else:
         line, above, comments = _usual_header(lines, comments, dialect)
