@@ -206,3 +206,76 @@ def test_a_time_that_stands_there_again_is_no_response(save):
     time = 1e-6 * np.arange(200)
     text = refused(save(table("", time, np.sin(2e5 * time), time, np.cos(2e5 * time)))).mapping
     assert "drive = { column = 1," in text and "response = { column = 3," in text
+
+
+def numbered(form):
+    return "".join(form % (k, f, s.real, s.imag) for k, (f, s) in enumerate(zip(F, S, strict=True)))
+
+
+NUMBERED = {
+    "R": '"freq_Hz" "x_V" "y_V"\n' + numbered('"%d" %.2f %.12g %.12g\n'),
+    "R, by commas": '"","freq_Hz","x_V","y_V"\n' + numbered('"%d",%.2f,%.12g,%.12g\n'),
+    "pandas, as it prints": "   freq_Hz   x_V   y_V\n" + numbered("%-3d %.2f %.12g %.12g\n"),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERED)
+def test_row_names_without_a_name_of_their_own(save, name):
+    log, _ = read(save, NUMBERED[name])
+    np.testing.assert_allclose(log.response, W, rtol=1e-9)
+    np.testing.assert_allclose(log.frequency, F)
+
+
+@pytest.mark.parametrize("header", ["freq_Hz x_V y_V\n", "time_s freq_Hz x_V\n"])
+def test_a_header_that_may_lack_its_last_name_is_refused(save, header):
+    text = header + numbered("%d %.2f %.12g %.12g\n")
+    refused(
+        save(text),
+        "line 2",
+        "found 4 columns, expected 3",
+        columns=save('amplitude = "peak"\n[columns]\nfrequency = "freq_Hz"\nw = "x_V"\n', "m.toml"),
+    )
+
+
+def test_a_header_of_two_rows_again_begins_a_log(save):
+    """Its units were taken for names, and the sweeps for traces side by side."""
+    one = "Frequency,Amplitude,Phase\nHz,um,deg\n" + table("", F, abs(S), np.degrees(np.angle(S)))
+    path = save(one + one)
+    text = refused(path).mapping
+    assert "join" not in text
+    first, second = read_logs(path, columns=save(answered(text), "map.toml"))
+    for log in (first, second):
+        np.testing.assert_allclose(log.response, W, rtol=1e-10)
+
+
+def test_steps_of_a_simulator_are_experiments(save):
+    def step(k):
+        rows = (
+            f"{f:.15e}\t({20 * np.log10(abs(s)):.15e}dB,{np.degrees(np.angle(s)):.15e}°)\n"
+            for f, s in zip(F, k * S, strict=True)
+        )
+        return f"Step Information: R={k}K  (Run: {k}/2)\n" + "".join(rows)
+
+    path = save("Freq.\tV(out)\n" + step(1) + step(2), "lt.txt")
+    logs = read_logs(path, columns=save(answered(refused(path).mapping), "map.toml"))
+    assert [log.name for log in logs] == [f"lt.txt[Step Information: R={k}K  (Run: {k}/2)]" for k in (1, 2)]
+    for k, log in enumerate(logs, 1):
+        np.testing.assert_allclose(log.response, k * W, rtol=1e-12)
+    refused(
+        save(path.read_text().replace("Step Information: R=2K", "Aborted at 2K"), "bad.txt"),
+        "line 54",
+        "1 cells",
+    )
+
+
+def test_complex_numbers_without_a_header_are_all_rows(save):
+    """As numpy saves them; the first row was taken for the names."""
+    path = save(
+        "".join(f" ({f:.6e}+0.0e+00j) ({s.real:.15e}{s.imag:+.15e}j)\n" for f, s in zip(F, S, strict=True))
+    )
+    text = answered(refused(path).mapping).replace(
+        "[columns]", '[columns]\nfrequency = { column = "column 0", unit = "Hz" }'
+    )
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
+    np.testing.assert_allclose(log.response, W, rtol=1e-12)
+    np.testing.assert_allclose(log.frequency, F)

@@ -23,6 +23,9 @@ _THOUSANDS = {
     for decimal, point, group in ((".", r"\.", ","), (",", ",", r"\."))
 }
 _AMOUNT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)(?![\d:])\s*(.*)")  # not of 12:31
+_PART = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_SIGNED = _PART.replace("[+-]?", r"[+-]\s*", 1)
+RECTANGULAR = re.compile(rf"\(?\s*{_PART}\s*{_SIGNED}\s*\*?\s*[ij]\s*\)?")  # (0.1+0.2j), 0.1 + 0.2i
 # Of SCPI, and so of many instruments: 9.91e37 is "not a number", ±9.9e37 infinity (SCPI-99, volume 1, 7.2.1).
 NO_NUMBER = 9.9e37
 SHOWN = 20  # names in a message, of files that have thousands

@@ -9,15 +9,13 @@ from itertools import zip_longest
 import numpy as np
 
 from sysid.tables import units
-from sysid.tables.cells import amount, is_number, split_line, to_number
+from sysid.tables.cells import RECTANGULAR, amount, is_number, split_line, to_number
 from sysid.tables.csvfile import SAMPLE, Head
 from sysid.tables.layout import texts
 from sysid.tables.sheet import Sheet
 from sysid.tables.textfile import LogError
 
 _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
-_SIGNED = _NUMBER.replace("[+-]?", r"[+-]\s*", 1)
-RECTANGULAR = re.compile(rf"\(?\s*{_NUMBER}\s*{_SIGNED}\s*\*?\s*[ij]\s*\)?")  # (0.1+0.2j), 0.1 + 0.2i
 PAIR = re.compile(rf"\(?\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)?")  # 0.1,0.2 of a cell, where tabs part the cells
 DECIBELS = re.compile(rf"\(?\s*{_NUMBER}\s*dB\s*,\s*{_NUMBER}\s*(?:°|\ufffd|deg)\s*\)?")  # (-3.1dB,-12°)
 Parted = list[tuple[str, list[str]]]  # names and cells of the columns that one becomes
@@ -28,10 +26,11 @@ def simple(head: Head) -> Head:
     do. Raises LogError where a row further down has other cells."""
     if head.sheet is not None or not any(map(_is_compound, zip_longest(*head.sample, fillvalue=""))):
         return head
-    rows, lines = _rows(head)
-    columns: Parted = []
+    rows, lines, steps = _rows(head)
+    columns: Parted = [("log", steps)] if any(steps) else []
     notes = []
     for index, name in enumerate(head.names):
+        name = name or ("" if any(head.names) else f"column {index}")
         parted = _parted(name, [row[index] for row in rows], str(head.dialect.decimal))
         if len(parted) > 1 or parted[0][0] != name:
             said = " and ".join(repr(of) for of, _ in parted)
@@ -70,20 +69,29 @@ def _most(said: Sequence[bool], of: int | None = None) -> bool:
     return 2 * sum(said) > (len(said) if of is None else of)
 
 
-def _rows(head: Head) -> tuple[list[list[str]], list[int]]:
-    """The cells of all rows, and the line of each."""
-    rows, lines = [], []
-    marks = head.dialect.comment or ()
+def _rows(head: Head) -> tuple[list[list[str]], list[int], list[str]]:
+    """The cells of all rows, the line of each, and the step that it belongs to: a simulator that steps
+    a value begins each with a line of words, the first of them right below the header."""
+    rows, lines, steps = [], [], []
+    marks, step = head.dialect.comment or (), ""
     for line, text in enumerate(texts(head.path, head.start), head.first_line):
         if not text.strip() or text.startswith(marks):
             continue
         cells = [cell.strip() for cell in split_line(text, str(head.dialect.delimiter))]
         cells = cells[:-1] if len(cells) == len(head.names) + 1 and not cells[-1] else cells
+        if (
+            len(cells) == 1 < len(head.names)
+            and (step or not rows)
+            and text.split()[:1] == head.sample[0][0].split()[:1]
+        ):
+            step = cells[0]
+            continue
         if len(cells) != len(head.names):
             raise LogError(f"{head.path}, line {line}: found {len(cells)} cells, expected {len(head.names)}")
         rows.append(cells)
         lines.append(line)
-    return rows, lines
+        steps.append(step)
+    return rows, lines, steps
 
 
 def _parted(name: str, cells: list[str], decimal: str) -> Parted:
@@ -99,6 +107,10 @@ def _parted(name: str, cells: list[str], decimal: str) -> Parted:
             [one[k].replace(" ", "") if one else cell for one, cell in zip(found, cells, strict=True)]
             for k in (1, 2)
         ]
+        if form is RECTANGULAR and not any(
+            map(to_number, parts[1])
+        ):  # as of a frequency among complex numbers
+            return [(name, parts[0])]
         ends = (" [dB]", " phase [deg]") if form is DECIBELS else (f" re{unit}", f" im{unit}")
         return [(f"{stem}{end}", part) for end, part in zip(ends, parts, strict=True)]
     own = unit.strip(" []")

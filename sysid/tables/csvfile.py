@@ -15,6 +15,7 @@ from typing import BinaryIO, NamedTuple
 from sysid.tables import axis, layout, units
 from sysid.tables.cells import (
     GROUPED,
+    RECTANGULAR,
     WHITESPACE,
     Dialect,
     amount,
@@ -35,6 +36,7 @@ from sysid.tables.preamble import (
     increment,
     is_table,
     left_out,
+    numbers_its_rows,
     settings,
 )
 from sysid.tables.sheet import Sheet
@@ -183,6 +185,8 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
     while names and not names[-1] and line:
         names = names[:-1]
+    if line and numbers_its_rows(line, lines[above], {len(row) for row in rows}, len(names)):
+        names = ("", *names)
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
@@ -356,7 +360,8 @@ def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) 
 
 def _holds_numbers(line: str, dialect: Dialect) -> bool:
     """Whether a line is a row, not a header: no name is a number, but those that count the columns."""
-    return any(map(is_number, uncounted(split_line(line, dialect.delimiter or find_delimiter(line)))))
+    cells = uncounted(split_line(line, dialect.delimiter or find_delimiter(line)))
+    return any(is_number(cell) or RECTANGULAR.fullmatch(cell.strip()) for cell in cells)
 
 
 def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:

@@ -78,7 +78,7 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
 
 
 def _names(lines: list[str], texts: list[int], top: Top, dialect: Dialect) -> tuple[int | None, bool]:
-    """Which of the lines `texts` above the first row names its columns (None: none), and whether units follow.
+    """Which of the lines `texts` above the first row names its columns (None: none); if units follow.
 
     A line of remarks may stand between the units and the rows, a word alone above these."""
     below = [_cells(line, top.delimiter) for line in lines[top.rows : top.rows + ALIKE]]
@@ -138,6 +138,14 @@ def header_line(lines: list[str], top: Top) -> str:
     names = _cells(lines[top.names], top.delimiter)[: top.width]
     units_below = _cells(lines[top.names + 1], top.delimiter)[: top.width] if top.units else [""] * top.width
     return with_unit_cells(names, units_below, top.delimiter)
+
+
+def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> bool:
+    """Whether rows have a name or a number each in front, which the header of `count` names leaves out.
+
+    R puts it alone in quotes, pandas leaves blanks above it. Elsewhere the name that lacks may be the last."""
+    quoted = row.startswith('"') and row.count('"') == 2
+    return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
 
 
 def increment(lines: list[str], top: Top) -> float | None:
