@@ -1,11 +1,13 @@
 """Files as instruments and people export them, each from a plate in closed form: what is drafted for them, what is
 asked, and what is read once a person has answered."""
 
+import json
 import pickle
 import re
 
 import numpy as np
 import pytest
+import scipy.io
 from refusal import refused
 from test_drafts import F, S, answered, asked, re_im, table
 
@@ -279,3 +281,71 @@ def test_complex_numbers_without_a_header_are_all_rows(save):
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response, W, rtol=1e-12)
     np.testing.assert_allclose(log.frequency, F)
+
+
+# Objects and arrays
+
+OWN = {"frequency_Hz": F, "wd_um": W.real, "wq_um": W.imag, "voltage_V": 50 + 0 * F}
+LISTS = {name: values.tolist() for name, values in OWN.items()}
+BESIDE = {"frequency": "Hz", "wd": "um", "wq": "um", "voltage": "V"}
+JSON = {
+    "a message a line": "\n".join(
+        json.dumps({"topic": "plate", "payload": dict(zip(LISTS, row, strict=True))})
+        for row in zip(*LISTS.values(), strict=True)
+    ),
+    "an object within": json.dumps({"metadata": {"operator": "x"}, "data": LISTS}),
+    "columns and data": json.dumps(
+        {"columns": [*LISTS], "data": [*map(list, zip(*LISTS.values(), strict=True))]}
+    ),
+    "units beside the values": json.dumps(
+        {name: {"values": LISTS[f"{name}_{unit}"], "unit": unit} for name, unit in BESIDE.items()}
+    ),
+}
+
+
+def check_own(log):
+    np.testing.assert_allclose(log.frequency, F)
+    np.testing.assert_allclose(log.response, W, rtol=1e-12)
+    assert (log.response_unit, log.drive_unit, log.drive.tolist()) == ("um", "V", [50.0] * len(F))
+
+
+@pytest.mark.parametrize("name", JSON)
+def test_names_of_logs_within_objects_of_json(save, name):
+    check_own(read_logs(save(JSON[name], "log.json"))[0])
+
+
+def test_names_of_logs_behind_a_point_are_theirs(save):
+    """As a message's fields are called; of two of one name it is asked."""
+    names = ",".join(f"field.{name}" for name in OWN)
+    check_own(read_logs(save(table(names, *OWN.values())))[0])
+    refused(save(table(f"{names},other.wq_um", *OWN.values(), F)), "found wq twice")
+    text = refused(save(table("frequency_Hz,x.std_um,x.mean_um", F, F, F))).mapping
+    assert 'std = { column = "x.std_um", unit = "um" }  # if' in text
+
+
+def test_structures_in_a_cell_array_are_experiments(tmp_path):
+    cells = np.empty((1, 2), object)
+    cells[0, 0] = cells[0, 1] = OWN
+    scipy.io.savemat(tmp_path / "sweeps.mat", {"sweeps": cells})
+    first, second = read_logs(tmp_path / "sweeps.mat")
+    check_own(first)
+    check_own(second)
+    assert (first.name, second.name) == ("sweeps.mat[/sweeps[1]]", "sweeps.mat[/sweeps[2]]")
+
+
+def test_the_columns_of_an_array_alone_are_told_by_their_numbers(save, tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"data": np.column_stack([F, S.real, S.imag])})
+    text = answered(refused(tmp_path / "a.mat").mapping)
+    assert "x = { column = 1," in text
+    for mapping in (text, re.sub(r"column = (\d)", r'column = "data[\1]"', text)):
+        (log,) = read_logs(tmp_path / "a.mat", columns=save(mapping, "map.toml"))
+        np.testing.assert_allclose(log.response, W, rtol=1e-12)
+
+
+@pytest.mark.parametrize("cell", ["#DIV/0!", "#NV", "<NA>", "NaT", "None"])
+def test_what_a_spreadsheet_cannot_work_out_is_no_number(save, cell):
+    lines = table(",".join(OWN), *OWN.values()).splitlines()
+    lines[2] = re.sub(r",[^,]*,", f",{cell},", lines[2], count=1)
+    (log,) = read_logs(save("\n".join(lines) + "\n"))
+    assert len(log.frequency) == len(F) - 1 and "line 3" in " ".join(log.notes)
+    refused(save("\n".join(lines).replace(cell, "#####") + "\n"), "line 3", "#####")

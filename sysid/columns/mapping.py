@@ -269,6 +269,8 @@ class MappingFile:
     def _position(self, key: str, column: str | int, head: Head) -> int:
         if isinstance(column, str) and head.names.count(column) == 1:
             return head.names.index(column)
+        if isinstance(column, str) and not any(head.names) and (of := re.search(r"\[(\d+)\]$", column)):
+            column = int(of[1])  # data[0], of an array's columns
         if isinstance(column, int) and 0 <= column < len(head.names):
             return column
         if isinstance(column, int):

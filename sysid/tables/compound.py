@@ -72,7 +72,9 @@ def _most(said: Sequence[bool], of: int | None = None) -> bool:
 def _rows(head: Head) -> tuple[list[list[str]], list[int], list[str]]:
     """The cells of all rows, the line of each, and the step that it belongs to: a simulator that steps
     a value begins each with a line of words, the first of them right below the header."""
-    rows, lines, steps = [], [], []
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    steps: list[str] = []
     marks, step = head.dialect.comment or (), ""
     for line, text in enumerate(texts(head.path, head.start), head.first_line):
         if not text.strip() or text.startswith(marks):

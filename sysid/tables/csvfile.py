@@ -195,11 +195,8 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     if rate and not any(key.casefold().startswith("sample_rate") for key in metadata):
         metadata["sample_rate_Hz"] = rate
         notes.append(remark)
-    remarks = {
-        key: value
-        for key, value in (_stated(comment, "=") for comment in comments)
-        if key and key not in metadata
-    }
+    equations = (_stated(comment, "=") for comment in comments)
+    remarks = {key: value for key, value in equations if key and key not in metadata}
     known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
     said = (*comments, *(lines[: top.names] if top else ()))

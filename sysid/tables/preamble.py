@@ -143,7 +143,7 @@ def header_line(lines: list[str], top: Top) -> str:
 def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> bool:
     """Whether rows have a name or a number each in front, which the header of `count` names leaves out.
 
-    R puts it alone in quotes, pandas leaves blanks above it. Elsewhere the name that lacks may be the last."""
+    R puts it alone in quotes, pandas leaves blanks above it. Elsewhere the last name may be what lacks."""
     quoted = row.startswith('"') and row.count('"') == 2
     return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
 

@@ -26,6 +26,8 @@ FOREIGN = {
     b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
     codecs.BOM_UTF32_LE: "UTF-32 text",
     b"SQLite format 3": "a database (SQLite)",
+    b"CDF\x01": "a netCDF file of version 3",
+    b"CDF\x02": "a netCDF file of version 3",
     b"<?xml": "XML",
     b"<html": "a web page",
     b"<!DOCTYPE": "a web page",

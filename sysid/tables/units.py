@@ -140,12 +140,13 @@ class Name(NamedTuple):
 
 @functools.lru_cache(1024)  # of a lot's logs, whose names are the same
 def parse_name(label: str) -> Name | None:
-    """The quantity, unit and kind of amplitude that a column name states; None for a column that is not one
-    of ours."""
+    """The quantity, unit and kind of amplitude that a column name states, behind the object that it stands in
+    (`payload.time_s`) too; None for a column that is not one of ours."""
     name, unit, amplitude = split_unit(label)
     quantity = name.casefold()
     if quantity not in QUANTITIES:
-        return None
+        own = parse_name(end) if (end := label.rpartition(".")[2]) != label else None
+        return own if own and own.unit and own.quantity not in ("std", "std_q") else None
     if quantity == "duty":
         return Name(quantity, short(unit) or "1", "peak")
     if quantity in AMPLITUDES:
