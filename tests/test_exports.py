@@ -1,6 +1,7 @@
 """Files as instruments and people export them, each from a plate in closed form: what is drafted for them, what is
 asked, and what is read once a person has answered."""
 
+import datetime
 import json
 import pickle
 import re
@@ -349,3 +350,52 @@ def test_what_a_spreadsheet_cannot_work_out_is_no_number(save, cell):
     (log,) = read_logs(save("\n".join(lines) + "\n"))
     assert len(log.frequency) == len(F) - 1 and "line 3" in " ".join(log.notes)
     refused(save("\n".join(lines).replace(cell, "#####") + "\n"), "line 3", "#####")
+
+
+# Times
+
+INPUTS = "voltage_V,frequency_Hz,wd_um,wq_um"
+
+
+def timed(name, stamps, above=""):
+    rows = table("", DRIVE, 32300 + 0 * TIME, *re_im(STEP)).splitlines()
+    return f"{above}{name},{INPUTS}\n" + "".join(f"{t},{row}\n" for t, row in zip(stamps, rows, strict=True))
+
+
+def test_an_index_of_dates_has_no_name(save):
+    """As pandas writes it. It was left out, and a step read as settled points without a word."""
+    noon = datetime.datetime(2024, 3, 31, 12)
+    stamps = [noon + datetime.timedelta(microseconds=100 * k) for k in range(len(TIME))]
+    (log,) = read_logs(save(timed("", stamps)))
+    check_step(log)
+    assert "column without a name is read as time" in log.notes
+    path = save(
+        ",Channel 1 (V),Speed (rpm)\n"
+        + "".join(f"{s},{v},{v / 2}\n" for s, v in zip(stamps, DRIVE, strict=True))
+    )
+    assert "time = { column = 0," in refused(path).mapping
+
+
+def test_an_index_that_goes_up_without_a_name_is_told(save):
+    (log,) = read_logs(save(timed("", TIME)))
+    assert "a column without a name that goes up and states no unit of time" in " ".join(log.warnings)
+
+
+@pytest.mark.parametrize(
+    "form",
+    [
+        lambda k: f"{(k + 599900) // 600000:02d}:{(k + 599900) % 600000 / 1e4:07.4f}",
+        lambda k: f"7:09:{k // 1000:02d}:{k % 1000:03d}",
+    ],
+)
+def test_minutes_and_seconds_and_thousandths_behind_a_colon(save, form):
+    (log,) = read_logs(save(timed("Time", [form(k) for k in range(len(TIME))])))
+    scale = log.time[1] / TIME[1]
+    assert scale == pytest.approx(10 if "7:" in form(0) else 1)
+    np.testing.assert_allclose(log.time, scale * TIME, atol=1e-9)
+    assert log.kind == "transient"
+
+
+@pytest.mark.parametrize("stated", ["sample_rate: 10 kHz", "sample_rate: 10000 Hz", "sample_rate_Hz: 10 kHz"])
+def test_a_sample_rate_whose_unit_stands_behind_it(save, stated):
+    check_step(read_logs(save(timed("sample", range(len(TIME)), f"# {stated}\n")))[0])

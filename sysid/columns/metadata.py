@@ -19,7 +19,8 @@ def sample_rate(head: Head, metadata: Mapping[str, str]) -> float | None:
     """The sample rate (Hz) that the metadata state; None where they do not."""
     if (key := rate_key(metadata)) is None:
         return None
-    unit = key[len("sample_rate_") :]
+    beside = amount(metadata[key]) or ("", "")
+    unit = key[len("sample_rate_") :] or beside[1]  # sample_rate: 10 kHz
     try:
         units.check_unit("frequency", unit)
     except ValueError as error:

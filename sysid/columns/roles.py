@@ -225,6 +225,8 @@ def _named(columns: Columns) -> dict[str, list[int]]:
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)
+    dated = next((k for k, name in enumerate(columns.head.names) if not name and columns.head.dated(k)), None)
+    found |= {"time": [dated]} if "time" not in found and dated is not None else {}  # an index without a name
     for name in ("time", "frequency"):
         free = columns.labels and columns.holds_data(0) and not any(0 in of for of in found.values())
         if name not in found and free and fits(name, columns.unit(0)):

@@ -43,7 +43,7 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
             source = Source(label, "", column=column, spare=head.dated(column))
             add_source(head, sources, quantity + label.strip()[len(name) :], source)
             unknown.remove(label)
-            notes.append(f"column {label} is read as {quantity}")
+            notes.append(f"column {label or 'without a name'} is read as {quantity}")
     for key, value in head.metadata.items():
         if (quantity := _meant(key, SYNONYMS, sources)) in units.CONSTANTS:
             label = quantity + key.strip()[len(units.split_unit(key)[0]) :]
@@ -68,13 +68,10 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
 
 
 def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
-    """`time` for a column of dates that is called so by another name, where no other holds the time; else
-    None."""
-    return (
-        "time"
-        if "time" not in sources and is_called_time(label) and head.dated(head.names.index(label))
-        else None
-    )
+    """`time` for a column of dates that is called so by another name, or by none (an index of pandas), where
+    no other holds the time; else None."""
+    called = is_called_time(label) or not label.strip()
+    return "time" if "time" not in sources and called and head.dated(head.names.index(label)) else None
 
 
 def is_called_time(label: str) -> bool:
