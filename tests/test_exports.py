@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import scipy.io
 from refusal import refused
-from test_drafts import F, S, answered, asked, re_im, table
+from test_drafts import F, S, answered, asked, polar, re_im, table
 
 from sysid.logs.read import read_logs
 
@@ -399,3 +399,18 @@ def test_minutes_and_seconds_and_thousandths_behind_a_colon(save, form):
 @pytest.mark.parametrize("stated", ["sample_rate: 10 kHz", "sample_rate: 10000 Hz", "sample_rate_Hz: 10 kHz"])
 def test_a_sample_rate_whose_unit_stands_behind_it(save, stated):
     check_step(read_logs(save(timed("sample", range(len(TIME)), f"# {stated}\n")))[0])
+
+
+def test_a_frequency_from_a_centre_gets_it_from_the_mapping_file(save):
+    """Above the centre alone it was read as it stands, and the resonance found at some hundred hertz."""
+    path = save(table("Detuning (Hz),Amplitude (um),Phase (deg)", F - 31800, *polar(S)))
+    text = refused(path).mapping
+    assert 'offset = "?"' in text
+    text = answered(text.replace('offset = "?"', "offset = 31800.0"))
+    (log,) = read_logs(path, columns=save(text, "map.toml"))
+    np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
+    np.testing.assert_allclose(log.response, W, rtol=1e-10)
+    path = save(table(",".join(OWN), F - 32300, *list(OWN.values())[1:]))
+    refused(path, "line 2", "find = true and columns.frequency.offset = 32300")
+    text = 'find = true\namplitude = "peak"\ncolumns.frequency.offset = 32300\n'
+    check_own(read_logs(path, columns=save(text, "map.toml"))[0])

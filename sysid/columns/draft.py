@@ -19,6 +19,17 @@ from sysid.tables.csvfile import Head
 from sysid.tables.densities import is_decibel
 
 PERIODS = ("ts", "dt", "tinterval", "sample_time", "sampletime")  # what the time from row to row is called
+OFFSETS = {
+    "offset",
+    "detuning",
+    "delta",
+    "δ",
+    "δf",
+    "df",
+    "shift",
+    "verstimmung",
+    "désaccord",
+}  # of a frequency
 KINDS = {
     "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "charge": "C", "current": "A",
     "impedance": "ohm",
@@ -299,6 +310,9 @@ class _Draft:
         more = ", scale = -1.0" if label.sign < 0 else ""
         stated = label.amplitude if name in units.AMPLITUDES and not self.ratio else ""
         more += f", amplitude = {_quote(stated)}" if stated else ""
+        away = name == "frequency" and {*label.words} & OFFSETS
+        more += ', offset = "?"' if away else ""
+        why = why or ("  # offset: the frequency that it is counted from, in its unit" if away else "")
         more += f", file = {_quote(self.files[name])}" if name in self.files else ""
         return f"{name} = {{ column = {self._place(index)}, unit = {_quote(unit)}{more} }}{why}"
 

@@ -36,10 +36,11 @@ from sysid.tables.csvfile import Head, LogError, called
 from sysid.tables.densities import amplitude_of, is_decibel
 
 logger = logging.getLogger(__name__)
+OFFSET = "of one from a centre say find = true and columns.frequency.offset = 32300, say, in a mapping file"
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
 POSSIBLE = {
     "temperature": (-273.15, np.inf, "a temperature above absolute zero"),
-    "frequency": (0.0, np.inf, "a frequency of 0 or more"),
+    "frequency": (0.0, np.inf, f"a frequency of 0 or more; {OFFSET}"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
 NO_MAGNITUDE = 'a magnitude of 0 or more; is it in dB? then say unit = "dB"; of what has a sign, call it w'
