@@ -414,3 +414,18 @@ def test_a_frequency_from_a_centre_gets_it_from_the_mapping_file(save):
     refused(path, "line 2", "find = true and columns.frequency.offset = 32300")
     text = 'find = true\namplitude = "peak"\ncolumns.frequency.offset = 32300\n'
     check_own(read_logs(path, columns=save(text, "map.toml"))[0])
+
+
+@pytest.mark.parametrize("mark, of", [(",", ":"), ("\t", ": "), (";", " = ")])
+def test_numbers_behind_their_names_in_every_cell(save, mark, of):
+    """As a microcontroller prints them; the first row was taken for the header."""
+    names, *lines = (line.split(",") for line in LOG.splitlines())
+    rows = [mark.join(f"{name}{of}{cell}" for name, cell in zip(names, row, strict=True)) for row in lines]
+    check_step(read_logs(save("\n".join(rows) + "\n", "log.txt"))[0])
+    broken = "\n".join([*rows[:55], rows[55].replace("wd_um", "wq_um"), *rows[56:]])
+    refused(save(broken + "\n", "broken.txt"), "line 56", "wd_um")
+
+
+def test_a_speed_in_a_row_of_units(save):
+    text = refused(save("Time,PWM,Speed\nms,%,rpm\n" + table("", 1e3 * TIME, DRIVE, STEP.real))).mapping
+    assert asked(text) == [] and 'w = { column = "Speed_rpm", unit = "rpm" }' in text

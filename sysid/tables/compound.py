@@ -18,12 +18,15 @@ from sysid.tables.textfile import LogError
 _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 PAIR = re.compile(rf"\(?\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)?")  # 0.1,0.2 of a cell, where tabs part the cells
 DECIBELS = re.compile(rf"\(?\s*{_NUMBER}\s*dB\s*,\s*{_NUMBER}\s*(?:°|\ufffd|deg)\s*\)?")  # (-3.1dB,-12°)
+NAMED = re.compile(rf"([^\W\d][^:=]*)[:=]\s*{_NUMBER}")  # time_ms:0.5, x = 0.5
 Parted = list[tuple[str, list[str]]]  # names and cells of the columns that one becomes
 
 
 def simple(head: Head) -> Head:
     """The head of a table of numbers, where cells of its first rows hold more than that; as it is, where none
     do. Raises LogError where a row further down has other cells."""
+    if (names := _named(head)) and head.sheet is None:
+        return _without_names(head, names)
     if head.sheet is not None or not any(map(_is_compound, zip_longest(*head.sample, fillvalue=""))):
         return head
     rows, lines, steps = _rows(head)
@@ -44,6 +47,31 @@ def simple(head: Head) -> Head:
     return dataclasses.replace(
         head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), notes=(*head.notes, *notes), header=()
     )
+
+
+def _named(head: Head) -> tuple[str, ...]:
+    """The names that stand in each cell before its number, as a microcontroller prints them for a plotter;
+    empty where not all cells of the first rows have those of the first."""
+    rows = [[NAMED.fullmatch(cell.strip()) for cell in row] for row in (head.names, *head.sample)]
+    names = tuple(found[1].strip() for found in rows[0] if found)
+    same = ([found and found[1].strip() for found in row] == [*names] for row in rows)
+    return names if len(names) == len(head.names) > 1 and all(same) else ()
+
+
+def _without_names(head: Head, names: tuple[str, ...]) -> Head:
+    """The table of such cells, whose first line is a row."""
+    rows, lines, _ = _rows(head)
+    rows, lines = [[*head.names], *rows], [head.first_line - 1, *lines]
+    found = [[NAMED.fullmatch(cell) for cell in column] for column in zip(*rows, strict=True)]
+    columns = (
+        np.array(
+            [one[2] if one and one[1].strip() == name else cell for one, cell in zip(of, cells, strict=True)],
+            object,
+        )
+        for name, of, cells in zip(names, found, zip(*rows, strict=True), strict=True)
+    )
+    sheet = Sheet(tuple(columns), lambda row, _: f"{head.path}, line {lines[row]}")
+    return dataclasses.replace(head, names=names, sheet=sheet, sample=sheet.first(SAMPLE), header=())
 
 
 def _is_compound(cells: Sequence[str]) -> bool:
