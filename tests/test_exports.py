@@ -429,3 +429,44 @@ def test_numbers_behind_their_names_in_every_cell(save, mark, of):
 def test_a_speed_in_a_row_of_units(save):
     text = refused(save("Time,PWM,Speed\nms,%,rpm\n" + table("", 1e3 * TIME, DRIVE, STEP.real))).mapping
     assert asked(text) == [] and 'w = { column = "Speed_rpm", unit = "rpm" }' in text
+
+
+LONG = {
+    "tidy": ("time_s,channel,value\n", "{t:.4f},{name},{x:.12g}\n", "channel"),
+    "a database's": (
+        "#group,false,true\n#datatype,string,long\n,result,table,_time,_value,_field\n",
+        ",,{k},2024-03-31T12:00:00.{us:06d}Z,{x:.12g},{name}\n",
+        "_field",
+    ),
+}
+
+
+@pytest.mark.parametrize("form", LONG)
+@pytest.mark.parametrize("by", ["time", "name"])
+def test_a_reading_a_line_is_a_column_a_name(save, form, by):
+    """All readings were taken for one signal."""
+    above, line, key = LONG[form]
+    columns = dict(zip(INPUTS.split(","), (DRIVE, 32300 + 0 * TIME, STEP.real, STEP.imag), strict=True))
+    readings = [
+        (line.format(t=t, us=round(1e6 * t), name=name, x=x[row], k=k), row)
+        for k, (name, x) in enumerate(columns.items())
+        for row, t in enumerate(TIME)
+    ]
+    readings = sorted(readings, key=lambda reading: reading[1]) if by == "time" else readings
+    text = above + "".join(text for text, _ in readings)
+    (log,) = read_logs(save(text))
+    np.testing.assert_allclose(log.response, STEP, rtol=1e-10)
+    np.testing.assert_allclose(log.time, TIME, atol=1e-12)
+    assert (
+        log.drive.tolist() == DRIVE.tolist()
+        and f"the readings of each {key} are read as a column" in " ".join(log.notes)
+    )
+    refused(save(text + readings[-1][0]), f"line {len(text.splitlines()) + 1}", "again")
+
+
+def test_a_column_of_one_name_is_no_long_table(save):
+    """It says of what plate, or sensor, the readings are."""
+    text = refused(
+        save("time_s,sensor,value\n" + "".join(f"{t},A7,{x}\n" for t, x in zip(TIME, STEP.real, strict=True)))
+    ).mapping
+    assert 'w = { column = "value"' in text

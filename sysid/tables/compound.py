@@ -29,7 +29,7 @@ def simple(head: Head) -> Head:
         return _without_names(head, names)
     if head.sheet is not None or not any(map(_is_compound, zip_longest(*head.sample, fillvalue=""))):
         return head
-    rows, lines, steps = _rows(head)
+    rows, lines, steps = rows_of(head)
     columns: Parted = [("log", steps)] if any(steps) else []
     notes = []
     for index, name in enumerate(head.names):
@@ -60,7 +60,7 @@ def _named(head: Head) -> tuple[str, ...]:
 
 def _without_names(head: Head, names: tuple[str, ...]) -> Head:
     """The table of such cells, whose first line is a row."""
-    rows, lines, _ = _rows(head)
+    rows, lines, _ = rows_of(head)
     rows, lines = [[*head.names], *rows], [head.first_line - 1, *lines]
     found = [[NAMED.fullmatch(cell) for cell in column] for column in zip(*rows, strict=True)]
     columns = (
@@ -97,7 +97,7 @@ def _most(said: Sequence[bool], of: int | None = None) -> bool:
     return 2 * sum(said) > (len(said) if of is None else of)
 
 
-def _rows(head: Head) -> tuple[list[list[str]], list[int], list[str]]:
+def rows_of(head: Head) -> tuple[list[list[str]], list[int], list[str]]:
     """The cells of all rows, the line of each, and the step that it belongs to: a simulator that steps
     a value begins each with a line of words, the first of them right below the header."""
     rows: list[list[str]] = []
