@@ -470,3 +470,37 @@ def test_a_column_of_one_name_is_no_long_table(save):
         save("time_s,sensor,value\n" + "".join(f"{t},A7,{x}\n" for t, x in zip(TIME, STEP.real, strict=True)))
     ).mapping
     assert 'w = { column = "value"' in text
+
+
+OPEN = {
+    "ω (1/s),X (um),Y (um)": (2 * np.pi * F, *re_im(S)),
+    "f (Hz),|X|^2 (um^2)": (F, abs(S) ** 2),
+    "f (Hz),Power (mW)": (F, abs(S) ** 2),
+    "f (Hz),Intensity (a.u.)": (F, abs(S) ** 2),
+    "f (Hz),H (um/Vpp),Phase (deg)": (F, abs(S), np.degrees(np.angle(S))),
+    "f (Hz),H (nm/Vrms),Phase (deg)": (F, abs(S), np.degrees(np.angle(S))),
+}
+
+
+@pytest.mark.parametrize("head", OPEN)
+def test_what_a_unit_leaves_open_is_asked(save, head):
+    """1/s was taken for Hz, a square for an amplitude, and um/Vpp for um/V."""
+    text = refused(save(table(head, *OPEN[head]))).mapping
+    assert {"frequency" if head.startswith("ω") else "magnitude"} <= {*asked(text)}, text
+    assert not re.search(r'unit = "\?"[^}]*amplitude', text)
+
+
+@pytest.mark.parametrize(
+    "head", ["f (Hz),I (V),Q (V)", "f (Hz),Cos (V),Sin (V)", "f_Hz,In phase (V),Out of phase (V)"]
+)
+def test_both_parts_of_a_signal_are_read(save, head):
+    """Of I and Q the first alone was taken for an amplitude."""
+    log, questions = read(save, table(head, F, *re_im(S)))
+    assert questions == ["amplitude", "quantity", "phase_sign"]
+    np.testing.assert_allclose(log.response, W, rtol=1e-11)
+
+
+@pytest.mark.parametrize("head", ["f (Hz),Q (um),D (um)", "f (Hz),A (V),B (V)"])
+def test_one_of_two_signed_columns_is_not_taken_for_the_whole(save, head):
+    text = refused(save(table(head, F, *re_im(S)))).mapping
+    assert "no column is known to be the response" in text

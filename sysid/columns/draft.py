@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import GAINS, LOGARITHM, NOT_DATA, SCATTERING
+from sysid.columns.labels import GAINS, NOT_DATA, OFFSETS, SCATTERING, left_open
 from sysid.columns.plan import ANGLES, SPLITS, per_drive
 from sysid.columns.preset import named, recognised
 from sysid.columns.roles import channels, lone_signal, plausible, roles, undecided, waveform
@@ -19,17 +19,6 @@ from sysid.tables.csvfile import Head
 from sysid.tables.densities import is_decibel
 
 PERIODS = ("ts", "dt", "tinterval", "sample_time", "sampletime")  # what the time from row to row is called
-OFFSETS = {
-    "offset",
-    "detuning",
-    "delta",
-    "δ",
-    "δf",
-    "df",
-    "shift",
-    "verstimmung",
-    "désaccord",
-}  # of a frequency
 KINDS = {
     "displacement": "m", "velocity": "m/s", "acceleration": "m/s^2", "charge": "C", "current": "A",
     "impedance": "ohm",
@@ -308,7 +297,8 @@ class _Draft:
         unit, why = self._unit(name, index)
         label = self.columns.labels[index]
         more = ", scale = -1.0" if label.sign < 0 else ""
-        stated = label.amplitude if name in units.AMPLITUDES and not self.ratio else ""
+        ratio = self.ratio or per_drive(label.unit)
+        stated = label.amplitude if name in units.AMPLITUDES and not ratio else ""
         more += f", amplitude = {_quote(stated)}" if stated else ""
         away = name == "frequency" and {*label.words} & OFFSETS
         more += ', offset = "?"' if away else ""
@@ -318,6 +308,8 @@ class _Draft:
 
     def _unit(self, name: str, index: int) -> tuple[str, str]:
         unit = self.columns.unit(index)
+        if why := left_open(name, self.columns.labels[index], "frequency" in self.found):
+            return "?", f"  # {why}"
         if name == "time" and self.head.dated(index):
             return "s", ""
         if name in ("w", "wd", "wq", "x", "y", "magnitude", "response") and fits("time", unit):
@@ -333,11 +325,6 @@ class _Draft:
             return self.ratio, ""
         if unit := self.known.get({"y": "x"}.get(name, name), ""):
             return unit, f"  # as it is written by {self.instrument}"
-        if LOGARITHM.match(self.head.names[index]):
-            return (
-                "?",
-                '  # of a logarithm "dB" alone is read, with scale = 20 of log10(A), 8.685889638 of ln(A)',
-            )
         angles = self.columns.numbers(index)
         if name == "phase" and self.ratio and len(angles) and np.max(np.abs(angles)) > 2 * np.pi:
             return "deg", "  # its numbers are too large for rad"

@@ -87,6 +87,19 @@ RATIOS: dict[str, dict[str, set[str]]] = {
     },
 }
 NOT_DATA = re.compile(r"_err|std|stdev|sigma|error|uncert|variance", re.I)  # of how sure another column is
+ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
+OFFSETS = {
+    "offset",
+    "detuning",
+    "delta",
+    "δ",
+    "δf",
+    "df",
+    "shift",
+    "verstimmung",
+    "désaccord",
+}  # of a frequency
+POWERS = {"power", "intensity", "leistung", "intensität", "puissance", "squared"}
 LOGARITHM = re.compile(r"(ln|log|log10|lg)[\s_]*[(\[|]", re.I)  # of which the unit behind it is none
 _TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  # of an analyser's traces
 _TRACE = re.compile(r"\W*(data|memory) trace (real|imag)\W*", re.IGNORECASE)  # whatever it shows
@@ -193,7 +206,8 @@ def parse(text: str) -> Label:
         if told or (lettered and _TRACE.fullmatch(own)):
             return label
     plain = densities.plain(text.strip()).replace("′", "'").replace("″", "''")
-    plain = re.sub(r"in[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
+    plain = re.sub(r"\bin[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
+    plain = re.sub(r"out[-_ ]of[-_ ]phase", "quadrature", plain, flags=re.IGNORECASE)
     plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
     plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
     plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
@@ -216,9 +230,23 @@ def _stated(head: str) -> str:
     plain = re.sub(r"(pk|peak)[- _]to[- _]\1", "pp", head, flags=re.IGNORECASE)
     for word in re.split(r"[\s\[(){}\],;:_]+", re.sub(r"^vss\b", "", plain, flags=re.IGNORECASE)):  # a supply
         of, stated = units.split_amplitude(word)
-        if stated and (len(of) < 4 or is_decibel(of)) and word.casefold() != "peak":
+        if stated and (len(of) < 4 or is_decibel(of) or per_drive(of)) and word.casefold() != "peak":
             return stated
     return ""
+
+
+def left_open(name: str, label: Label, sweep: bool) -> str:
+    """Why a column leaves its unit open although it seems to state one, as a remark; "" where it does not."""
+    words, unit = {*label.words}, label.unit
+    if LOGARITHM.match(label.text):
+        return 'of a logarithm "dB" alone is read, with scale = 20 of log10(A), 8.685889638 of ln(A)'
+    if label.amplitude and per_drive(unit):
+        return f'"{unit}" where both are {label.amplitude}, else with a scale'
+    if name == "frequency" and words & {*ANGULAR, "angular"} and "rad" not in unit:
+        return "rad/s, or Hz where it is no angular frequency"
+    power = re.search(r"(\^2|²)$|^[numkM]?W$", unit) or (words & POWERS and not densities.amplitude_of(unit))
+    response = sweep and name in ("magnitude", "w") and not is_decibel(unit)
+    return "of a power, or a square, save the root" if power and response else ""
 
 
 def is_unit(text: str) -> bool:

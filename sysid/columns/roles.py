@@ -116,7 +116,9 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     if "w" not in found:
         if undecided(columns, found):
             return found
-        told = bool(left) and (len(left) == 1 or bool(columns.unit(left[0])))
+        told = bool(left) and (
+            len(left) == 1 or (bool(columns.unit(left[0])) and not _are_parts(columns, found, left))
+        )
         one = left[0] if told else None if left else _lone_input(columns, found)
         if one is None:
             return found
@@ -128,6 +130,12 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
         phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]
         found |= {"phase": phases[0]} if len(phases) == 1 else {}
     return found
+
+
+def _are_parts(columns: Columns, found: Mapping[str, int], left: list[int]) -> bool:
+    """Whether columns beside a frequency may be parts of one signal: of one unit, some below zero."""
+    alike = [k for k in left if columns.unit(k) == columns.unit(left[0])]
+    return "frequency" in found and len(alike) > 1 and any(map(columns.is_signed, alike))
 
 
 def _left(columns: Columns, found: Mapping[str, int]) -> list[int]:
@@ -225,6 +233,10 @@ def _named(columns: Columns) -> dict[str, list[int]]:
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)
+    for pair in (("i", "q"), ("cos", "sin")):  # of one unit: a current is no part of a signal in V
+        both = [[k for k, label in enumerate(columns.labels) if label.words == (word,)] for word in pair]
+        if [len(of) for of in both] == [1, 1] and columns.unit(both[0][0]) == columns.unit(both[1][0]):
+            found |= {"x": both[0], "y": both[1]} if not found.keys() & {"x", "y"} else {}
     dated = next((k for k, name in enumerate(columns.head.names) if not name and columns.head.dated(k)), None)
     found |= {"time": [dated]} if "time" not in found and dated is not None else {}  # an index without a name
     for name in ("time", "frequency"):

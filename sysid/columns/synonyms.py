@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from sysid.columns.labels import INPUTS, folded
+from sysid.columns.labels import ANGULAR, INPUTS, folded
 from sysid.columns.metadata import stated, stated_constant
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
@@ -27,7 +27,6 @@ STAMPED = (
     "fecha",
     "дата",
 )  # of cells that are dates
-ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
 
