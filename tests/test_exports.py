@@ -504,3 +504,21 @@ def test_both_parts_of_a_signal_are_read(save, head):
 def test_one_of_two_signed_columns_is_not_taken_for_the_whole(save, head):
     text = refused(save(table(head, F, *re_im(S)))).mapping
     assert "no column is known to be the response" in text
+
+
+@pytest.mark.parametrize(
+    "head, drive, signal",
+    [
+        ("Time (min),Power (W),Temperature (K)", "drive", "Temperature (K)"),
+        ("Time (s),Pressure (bar),Level (cm)", "drive", "Level (cm)"),
+        ("Time (h),Heater (%),Temp 1 (°C),Temp 2 (°C)", "duty", "Temp 2 (°C)"),
+    ],
+)
+def test_what_is_held_is_the_drive_of_what_is_left(save, head, drive, signal):
+    """A heater's power was taken for the response, as was its duty beside two thermometers."""
+    columns = [300 + 5 * STEP.real] * (head.count(",") - 1)
+    text = refused(save(table(head, TIME, DRIVE, *columns))).mapping
+    assert re.search(
+        rf'^{drive} = {{ column = "{head.split(",")[1]}"'.replace("(", r"\(").replace(")", r"\)"), text, re.M
+    ), text
+    assert f'w = {{ column = "{signal}"' in text

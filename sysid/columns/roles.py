@@ -169,7 +169,7 @@ def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> 
     if len(held) == 2 and FLICKER * columns.changes(held[0]) <= columns.changes(held[1]):
         del held[1]
     others = len(left) + ("w" in found) + ("temperature" in found and columns.moves(found["temperature"]))
-    if others != 2 or len(held) != 1 or found.keys() & {*units.DRIVES}:
+    if others < 2 or len(held) != 1 or found.keys() & {*units.DRIVES}:
         return left
     unit = columns.unit(held[0])
     found["voltage" if not unit or fits("voltage", unit) else "duty" if fits("duty", unit) else "drive"] = (
@@ -233,6 +233,12 @@ def _named(columns: Columns) -> dict[str, list[int]]:
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)
+    if not found.keys() & {
+        "frequency",
+        "phase",
+    }:  # a level, or a heater's power, over time is what it is called
+        called = [k for k in found.pop("magnitude", ()) if columns.labels[k].part]
+        found |= {"magnitude": called} if called else {}
     for pair in (("i", "q"), ("cos", "sin")):  # of one unit: a current is no part of a signal in V
         both = [[k for k, label in enumerate(columns.labels) if label.words == (word,)] for word in pair]
         if [len(of) for of in both] == [1, 1] and columns.unit(both[0][0]) == columns.unit(both[1][0]):
