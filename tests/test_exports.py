@@ -522,3 +522,24 @@ def test_what_is_held_is_the_drive_of_what_is_left(save, head, drive, signal):
         rf'^{drive} = {{ column = "{head.split(",")[1]}"'.replace("(", r"\(").replace(")", r"\)"), text, re.M
     ), text
     assert f'w = {{ column = "{signal}"' in text
+
+
+def test_an_increment_at_the_header_s_end(save):
+    """As Rigol writes it, without a column of times."""
+    time = 2e-6 * np.arange(4000)
+    drive, answer = 5 * np.cos(2e5 * time), 0.7 * np.cos(2e5 * time - 0.6)
+    rows = "".join(f"{a},{b},,,\n" for a, b in zip(drive, answer, strict=True))
+    log, questions = read(save, "CH1V,CH2V,,t0 = -4.0e-03, tInc = 2.000000e-06,\n" + rows)
+    assert questions == ["quantity", "drive", "response"]
+    np.testing.assert_allclose(log.frequency, 2e5 / 2 / np.pi, rtol=1e-9)
+    np.testing.assert_allclose(log.response, 0.7 * np.exp(-0.6j) * 1j, rtol=1e-5)
+    assert "sampled every 2e-06 s, as tInc says in the header" in log.notes
+
+
+def test_powers_as_mathematica_prints_them(save):
+    names, *rows = table(",".join(OWN), *OWN.values()).splitlines()
+    rows = [
+        re.sub(r",([^,]*),", lambda found: f",{float(found[1]):.12e},".replace("e", "*^"), row, count=1)
+        for row in rows
+    ]
+    check_own(read_logs(save("\n".join([names, *rows]) + "\n"))[0])

@@ -61,7 +61,7 @@ def to_number(text: str, decimal: str = ".") -> float:
     a comma, 32.300 is none: it may be thousands.
 
     Thousands that can be nothing else are understood (32,300.5 with a decimal point; 32'300, or a hard
-    space), and so are a printed minus and Fortran's 1.5D-3.
+    space), and so are a printed minus, Fortran's 1.5D-3 and Mathematica's 1.5*^-3.
     """
     text = text.strip()
     if "_" in text or (decimal == "," and "." in text and GROUPED.fullmatch(text)):
@@ -85,7 +85,7 @@ def _odd_number(text: str, decimal: str) -> float:
     if _THOUSANDS[decimal].fullmatch(text):
         text = re.sub(rf"['{'.' if decimal == ',' else ','}]", "", text)
     try:
-        return float(re.sub(r"[dD](?=[+-]?\d+$)", "e", text.replace(decimal, ".")))
+        return float(re.sub(r"(?:[dD]|\*\^)(?=[+-]?\d+$)", "e", text.replace(decimal, ".")))
     except ValueError:
         return math.nan
 

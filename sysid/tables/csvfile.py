@@ -185,13 +185,14 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
     while names and not names[-1] and line:
         names = names[:-1]
+    names, step, said = axis.stated_at_end(names)
     if line and numbers_its_rows(line, lines[above], {len(row) for row in rows}, len(names)):
         names = ("", *names)
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
-    told, rate, remark = _explained(path, lines, top, names, rows[0], decimal) if top else ({}, "", "")
+    told, rate, remark = _explained(path, lines, top, names, rows[0], decimal) if top else ({}, step, said)
     if rate and not any(key.casefold().startswith("sample_rate") for key in metadata):
         metadata["sample_rate_Hz"] = rate
         notes.append(remark)
@@ -199,10 +200,20 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     remarks = {key: value for key, value in equations if key and key not in metadata}
     known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
-    said = (*comments, *(lines[: top.names] if top else ()))
+    lines = [*comments, *(lines[: top.names] if top else ())]
     more = (tuple(notes), below, header, remarks)
     return Head(
-        path, metadata, repeated, names, known, start, number + above, rows, *more, above=said, told=told
+        path,
+        metadata,
+        repeated,
+        names,
+        known,
+        start,
+        number + above,
+        rows,
+        *more,
+        above=tuple(lines),
+        told=told,
     )
 
 
