@@ -24,9 +24,7 @@ from sysid.tables.cells import (
     listed,
     split_line,
     to_number,
-    unbracketed,
     uncounted,
-    with_unit_cells,
 )
 from sysid.tables.preamble import (
     DEEPEST,
@@ -35,9 +33,11 @@ from sysid.tables.preamble import (
     header_line,
     increment,
     is_table,
+    is_unit_row,
     left_out,
     numbers_its_rows,
     settings,
+    with_units,
 )
 from sysid.tables.sheet import Sheet
 from sysid.tables.stamps import is_stamp
@@ -312,8 +312,8 @@ def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tu
     if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
         line, comments = _header_in_comments(comments, lines[0], dialect)
         return line, 0, comments
-    if dialect.header is None and _is_unit_row(lines[0], lines[1:], dialect):
-        return _with_units(lines[0], lines[1], dialect), 2, comments
+    if dialect.header is None and is_unit_row(lines[0], lines[1:], dialect):
+        return with_units(lines[0], lines[1], dialect), 2, comments
     return lines[0], 1, comments
 
 
@@ -384,27 +384,3 @@ def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tupl
         if width > 1 and delimiter == WHITESPACE and len(apart) == width:
             return " ".join(f'"{name}"' for name in apart), comments[:-1]
     return "", comments
-
-
-def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
-    """Whether the line below the header holds units: short texts and no number, where the header has names
-    alone; nothing but units, where some of its names state one."""
-    if not following:
-        return False
-    delimiter = dialect.delimiter or find_delimiter(line)
-    names, below = split_line(line, delimiter), split_line(following[0], delimiter)
-    texts = [unit.strip() for unit in below if unit.strip()]
-    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
-        texts
-    )  # 25.1 kHz, (1+2j)
-    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
-        return False
-    if not any(re.search(r"[_\[(]", name) for name in names):
-        return True
-    some = any(not units.split_unit(name)[1] for name in names)  # W_D beside TIME, and not time_s beside w_um
-    return some and all(units.is_known(unbracketed(text)) for text in texts)
-
-
-def _with_units(line: str, units: str, dialect: Dialect) -> str:
-    delimiter = dialect.delimiter or find_delimiter(line)
-    return with_unit_cells(split_line(line, delimiter), split_line(units, delimiter), delimiter)

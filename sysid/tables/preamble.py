@@ -4,6 +4,7 @@ Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`
 may stand among them, and are read as those of any file.
 """
 
+import re
 from collections.abc import Collection
 from itertools import groupby
 from typing import NamedTuple
@@ -146,6 +147,31 @@ def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> boo
     R puts it alone in quotes, pandas leaves blanks above it. Elsewhere the last name may be what lacks."""
     quoted = row.startswith('"') and row.count('"') == 2
     return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
+
+
+def is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
+    """Whether the line below the header holds units: short texts and no number, where the header has names
+    alone; nothing but units, where some of its names state one."""
+    if not following:
+        return False
+    delimiter = dialect.delimiter or find_delimiter(line)
+    names, below = split_line(line, delimiter), split_line(following[0], delimiter)
+    texts = [unit.strip() for unit in below if unit.strip()]
+    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
+        texts
+    )  # 25.1 kHz, (1+2j)
+    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
+        return False
+    if not any(re.search(r"[_\[(]", name) for name in names):
+        return True
+    some = any(not units.split_unit(name)[1] for name in names)  # W_D beside TIME, and not time_s beside w_um
+    return some and all(units.is_known(unbracketed(text)) for text in texts)
+
+
+def with_units(line: str, below: str, dialect: Dialect) -> str:
+    """The header in one line, of a line of names and the units below it."""
+    delimiter = dialect.delimiter or find_delimiter(line)
+    return with_unit_cells(split_line(line, delimiter), split_line(below, delimiter), delimiter)
 
 
 def increment(lines: list[str], top: Top) -> float | None:
