@@ -543,3 +543,30 @@ def test_powers_as_mathematica_prints_them(save):
         for row in rows
     ]
     check_own(read_logs(save("\n".join([names, *rows]) + "\n"))[0])
+
+
+# Numbers
+
+
+@pytest.mark.parametrize("unit, prefix, scale", [("Hz", "k", 1e-3), ("MHz", "m", 1e3), ("Hz", "K", 1e-3)])
+def test_prefixes_behind_numbers_whose_unit_stands_in_the_head(save, unit, prefix, scale):
+    """32.3k was read as 32.3."""
+    head = ",".join(OWN).replace("_Hz", f"_{unit}")
+    lines = [
+        line.split(",")
+        for line in table(head, F * (1e-6 if unit == "MHz" else 1), *list(OWN.values())[1:]).splitlines()
+    ]
+    rows = "".join(f"{float(f) * scale!r}{prefix},{','.join(others)}\n" for f, *others in lines[1:])
+    check_own(read_logs(save(f"{head}\n{rows}"))[0])
+
+
+def test_a_milli_that_may_be_a_metre_and_a_unit_of_another_kind_are_refused(save):
+    for cell in ("25.0m", "25.0 V", "25.0 s"):
+        text = ",".join(OWN) + "\n" + "".join(f"{f},{cell},0.1,50\n" for f in F)
+        refused(save(text), "line 2", "'wd_um'", cell)
+
+
+def test_an_amplitude_behind_a_number_is_refused_with_the_key_that_says_it(save):
+    rows = table("frequency_Hz,wd_um,wq_um", F, *re_im(W))
+    refused(save(f"# voltage_V: 100 Vpp\n{rows}"), "write voltage_V_pp: 100")
+    check_own(read_logs(save(f"# voltage_V_pp: 100\n{rows}"))[0])

@@ -68,6 +68,10 @@ def written_number(head: Head, key: str, text: str, name: units.Name | None) -> 
     if not math.isfinite(number):
         unit = f" of {name.unit}" if name else ""
         alone = "; write the number alone: its unit stands in the key" if amount(text) and name else ""
+        if (
+            own and name and own.amplitude != name.amplitude and units.fits(name.quantity, own.unit)
+        ):  # 100 Vpp
+            alone = f"; write {name.quantity}_{own.unit}_{own.amplitude}: {digits}"
         raise LogError(
             f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number{unit}{alone}"
         )

@@ -19,6 +19,7 @@ _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 PAIR = re.compile(rf"\(?\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)?")  # 0.1,0.2 of a cell, where tabs part the cells
 DECIBELS = re.compile(rf"\(?\s*{_NUMBER}\s*dB\s*,\s*{_NUMBER}\s*(?:°|\ufffd|deg)\s*\)?")  # (-3.1dB,-12°)
 NAMED = re.compile(rf"([^\W\d][^:=]*)[:=]\s*{_NUMBER}")  # time_ms:0.5, x = 0.5
+PREFIXES = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "k": 3, "K": 3, "M": 6, "G": 9}
 Parted = list[tuple[str, list[str]]]  # names and cells of the columns that one becomes
 
 
@@ -144,9 +145,20 @@ def _parted(name: str, cells: list[str], decimal: str) -> Parted:
         ends = (" [dB]", " phase [deg]") if form is DECIBELS else (f" re{unit}", f" im{unit}")
         return [(f"{stem}{end}", part) for end, part in zip(ends, parts, strict=True)]
     own = unit.strip(" []")
-    first = next(one[1] for cell in filled if (one := amount(cell)) and one[1])
-    wanted = own if own and units.same_kind(own, first) else first
+    stated = [one[1] for cell in filled if (one := amount(cell)) and one[1]]
+    if own and {*stated} <= PREFIXES.keys():
+        # a metre, or a milli: of a length both may be meant
+        return [(name, cells if units.same_kind(own, "m") and "m" in stated else [*map(_unprefixed, cells)])]
+    if own and not units.same_kind(own, stated[0]):
+        return [(name, cells)]
+    wanted = own or stated[0]
     return [(name if own else f"{name} [{wanted}]", [_in(cell, wanted, decimal) for cell in cells])]
+
+
+def _unprefixed(cell: str) -> str:
+    """A number with a prefix behind it, 32.3k, as one without; any other cell as it is."""
+    found = amount(cell)
+    return f"{found[0]}e{PREFIXES[found[1]]}" if found and found[1] in PREFIXES else cell
 
 
 def _in(cell: str, wanted: str, decimal: str) -> str:
