@@ -570,3 +570,20 @@ def test_an_amplitude_behind_a_number_is_refused_with_the_key_that_says_it(save)
     rows = table("frequency_Hz,wd_um,wq_um", F, *re_im(W))
     refused(save(f"# voltage_V: 100 Vpp\n{rows}"), "write voltage_V_pp: 100")
     check_own(read_logs(save(f"# voltage_V_pp: 100\n{rows}"))[0])
+
+
+@pytest.mark.parametrize("cell", ["24.5C", "24.5 °C", "297.65K", "297.65 K", "76.1F"])
+def test_degrees_behind_a_temperature(save, cell):
+    rows = table(",".join(OWN), *OWN.values()).splitlines()
+    (log,) = read_logs(
+        save("\n".join([f"{rows[0]},temperature_degC", *(f"{row},{cell}" for row in rows[1:])]) + "\n")
+    )
+    check_own(log)
+    np.testing.assert_allclose(log.temperature, 24.5, atol=1e-9)
+
+
+def test_a_prefix_behind_numbers_without_a_unit_is_no_unit(save):
+    rows = "".join(f"{f / 1e3!r}k,{x!r}\n" for f, x in zip(F.tolist(), abs(S).tolist(), strict=True))
+    log, questions = read(save, "Frequency,Amplitude (um)\n" + rows)
+    assert "frequency" in questions
+    np.testing.assert_allclose(log.frequency, F, rtol=1e-12)

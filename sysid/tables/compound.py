@@ -145,11 +145,17 @@ def _parted(name: str, cells: list[str], decimal: str) -> Parted:
         ends = (" [dB]", " phase [deg]") if form is DECIBELS else (f" re{unit}", f" im{unit}")
         return [(f"{stem}{end}", part) for end, part in zip(ends, parts, strict=True)]
     own = unit.strip(" []")
+    if own in ("degC", "°C", "degF", "°F", "K"):  # where C is no coulomb
+        cells, filled = (
+            [re.sub(r"(?<=[\d.\s])([CF])$", r"deg\1", cell) for cell in of] for of in (cells, filled)
+        )
     stated = [one[1] for cell in filled if (one := amount(cell)) and one[1]]
-    if own and {*stated} <= PREFIXES.keys():
-        # a metre, or a milli: of a length both may be meant
-        return [(name, cells if units.same_kind(own, "m") and "m" in stated else [*map(_unprefixed, cells)])]
-    if own and not units.same_kind(own, stated[0]):
+    alike = bool(own) and units.same_kind(own, stated[0])
+    if alike and "m" in stated and units.same_kind(own, "m") and {*stated} <= PREFIXES.keys():
+        return [(name, cells)]  # a metre, or a milli
+    if not alike and {*stated} <= PREFIXES.keys() - ({"m", "K"} if not own else set()):  # not of 300K
+        return [(name, [*map(_unprefixed, cells)])]
+    if own and not alike:
         return [(name, cells)]
     wanted = own or stated[0]
     return [(name if own else f"{name} [{wanted}]", [_in(cell, wanted, decimal) for cell in cells])]
