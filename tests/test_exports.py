@@ -587,3 +587,13 @@ def test_a_prefix_behind_numbers_without_a_unit_is_no_unit(save):
     log, questions = read(save, "Frequency,Amplitude (um)\n" + rows)
     assert "frequency" in questions
     np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
+
+
+def test_truths_are_no_volts(save):
+    """A drive that is True was read as 1 V."""
+    rows = [line.replace(",0,", ",False,").replace(",50,", ",True,") for line in LOG.splitlines()]
+    refused(save("\n".join(rows) + "\n"), "line 2", "'voltage_V'", "'False'")
+
+
+def test_a_row_of_groups_above_a_log_s_names_is_left_out(save):
+    check_step(read_logs(save(",Drive,Drive,Response,Response\n" + LOG))[0])

@@ -32,6 +32,7 @@ from sysid.tables.preamble import (
     find_top,
     header_line,
     increment,
+    is_own_header,
     is_table,
     is_unit_row,
     left_out,
@@ -312,6 +313,8 @@ def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tu
     if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
         line, comments = _header_in_comments(comments, lines[0], dialect)
         return line, 0, comments
+    if dialect.header is None and lines[1:] and is_own_header(lines[1], dialect):  # below a row of groups
+        return lines[1], 2, comments
     if dialect.header is None and is_unit_row(lines[0], lines[1:], dialect):
         return with_units(lines[0], lines[1], dialect), 2, comments
     return lines[0], 1, comments

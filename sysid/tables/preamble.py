@@ -149,6 +149,15 @@ def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> boo
     return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
 
 
+def is_own_header(line: str, dialect: Dialect) -> bool:
+    """Whether all cells of a line that hold something are names of a log's columns with their units."""
+    cells = _cells(line, dialect.delimiter or find_delimiter(line))
+    names = [units.parse_name(cell) for cell in cells if cell]
+    return len(names) > 1 and all(
+        name and name.unit and units.fits(name.quantity, name.unit) for name in names
+    )
+
+
 def is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     """Whether the line below the header holds units: short texts and no number, where the header has names
     alone; nothing but units, where some of its names state one."""
