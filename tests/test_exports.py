@@ -597,3 +597,19 @@ def test_truths_are_no_volts(save):
 
 def test_a_row_of_groups_above_a_log_s_names_is_left_out(save):
     check_step(read_logs(save(",Drive,Drive,Response,Response\n" + LOG))[0])
+
+
+def test_a_mapping_file_may_read_a_long_table_as_it_is(save):
+    text = "time_s,channel,value\n" + "".join(
+        f"{t},{name},{x}\n" for name in ("left", "right") for t, x in zip(TIME, STEP.real, strict=True)
+    )
+    mapping = 'amplitude = "peak"\nsplit_by = "channel"\n[columns]\ntime = "time_s"\nw = { column = "value", unit = "um" }\n'
+    logs = read_logs(save(text), columns=save(mapping, "map.toml"))
+    assert [log.name for log in logs] == ["log.csv[left]", "log.csv[right]"]
+    np.testing.assert_allclose(logs[1].response.real, STEP.real, rtol=1e-12)
+
+
+def test_a_name_behind_a_point_stands_back_behind_the_name_itself(save):
+    (log,) = read_logs(save(table(",".join([*OWN, "raw.wq_um"]), *OWN.values(), F)))
+    check_own(log)
+    assert "column raw.wq_um is kept out of the fit" in log.notes

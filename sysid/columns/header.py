@@ -158,6 +158,7 @@ def contract_plan(head: Head) -> Plan:
     for index, label in enumerate(head.names):
         of_errors, says = _of_errors(label), head.says(index)
         ours = not of_errors if waveform else first_word(label) != "response"
+        ours = ours and not ("." in label and label.rpartition(".")[2] in head.names)
         ours = ours and add_source(head, sources, of_errors or says, Source(label, "", column=index))
         notes += [f"column {label} is read as {says}, as settings say"] if ours and says != label else []
         if not ours and label.casefold() != "log":

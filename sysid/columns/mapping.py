@@ -266,6 +266,12 @@ class MappingFile:
         part = replace(head, names=head.names[begin:end])
         return begin + self._position(key, entry["column"], part)
 
+    def called(self) -> set[str]:
+        """The names of columns that it mentions."""
+        entries = (*self.options.get("columns", {}).values(), self.options.get("split_by"))
+        named = (entry.get("column") if isinstance(entry, dict) else entry for entry in entries)
+        return {name for name in named if isinstance(name, str)}
+
     def _position(self, key: str, column: str | int, head: Head) -> int:
         if isinstance(column, str) and head.names.count(column) == 1:
             return head.names.index(column)

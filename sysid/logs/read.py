@@ -34,6 +34,7 @@ from sysid.tables.cells import decimals, listed, to_number
 from sysid.tables.csvbody import Body, read_body
 from sysid.tables.csvfile import Head, LogError, called
 from sysid.tables.densities import amplitude_of, is_decibel
+from sysid.tables.melted import widened
 
 logger = logging.getLogger(__name__)
 OFFSET = "of one from a centre say find = true and columns.frequency.offset = 32300, say, in a mapping file"
@@ -82,6 +83,7 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
 
 def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
     """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
+    head = widened(head, mapping.called() if mapping else ())
     head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))

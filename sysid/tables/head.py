@@ -11,7 +11,6 @@ from sysid.tables.compound import simple
 from sysid.tables.csvfile import Head, LogError, read_head
 from sysid.tables.hdf import read_hdf
 from sysid.tables.jsonlines import is_jsonlines, read_jsonlines
-from sysid.tables.melted import widened
 from sysid.tables.store import Store
 
 Reader = Callable[[str, str], Store]
@@ -44,7 +43,7 @@ def open_head(path: str, dialect: Dialect) -> Head:
                 f"{path}: found a text table, expected a file of several tables, as table ="
                 f" {dialect.table!r} says"
             )
-        return widened(simple(read_head(path, dialect)))
+        return simple(read_head(path, dialect))
     reader, kind = found
     head = reader(path, kind).head(dialect)
     spare = [

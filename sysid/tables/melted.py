@@ -2,6 +2,7 @@
 a name."""
 
 import dataclasses
+from collections.abc import Collection
 
 import numpy as np
 
@@ -29,14 +30,14 @@ VALUES = {"value", "values", "reading", "val", "payload"}
 KEYS = ("time", "timestamp", "date", "datetime", "ts", "t", "frequency", "freq", "f")
 
 
-def widened(head: Head) -> Head:
-    """The head of a long table as of a wide one; of any other as it is. Raises LogError where a name has two
-    readings at one time."""
+def widened(head: Head, kept: Collection[str]) -> Head:
+    """The head of a long table as of a wide one; of any other, and where some of its columns are `kept`, as it is.
+    Raises LogError where a name has two readings at one time."""
     called = [name.strip("_ ").casefold() for name in head.names]
     names = [k for k, name in enumerate(called) if name in NAMES and _is_word(head.first(k))]
     values = [k for k, name in enumerate(called) if name in VALUES and is_number(head.first(k))]
     times = [k for k, name in enumerate(called) if name.split("_")[0].split(" ")[0] in KEYS]
-    if head.sheet is not None or not (len(names) == len(values) == 1 and times):
+    if {*head.names} & {*kept} or head.sheet is not None or not (len(names) == len(values) == 1 and times):
         return head
     (name,), (value,), time = names, values, times[0]
     rows, lines, _ = rows_of(head)
