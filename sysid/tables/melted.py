@@ -31,7 +31,7 @@ KEYS = ("time", "timestamp", "date", "datetime", "ts", "t", "frequency", "freq",
 
 
 def widened(head: Head, kept: Collection[str]) -> Head:
-    """The head of a long table as of a wide one; of any other, and where some of its columns are `kept`, as it is.
+    """The head of a long table as of a wide one; of any other, or where some columns are `kept`, as it is.
     Raises LogError where a name has two readings at one time."""
     called = [name.strip("_ ").casefold() for name in head.names]
     names = [k for k, name in enumerate(called) if name in NAMES and _is_word(head.first(k))]
