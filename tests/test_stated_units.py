@@ -65,7 +65,8 @@ def test_a_sample_rate_with_its_unit(save):
     ("stated", "words"),
     [
         ("voltage_V: 100 mm", "expected a finite number of V; write the number alone"),
-        ("voltage_V: 100 V rms", "expected a finite number of V; write the number alone"),  # another number
+        ("voltage_V: 100 V rms", "expected a finite number of V; write voltage_V_rms: 100"),  # another number
+        ("voltage_V: 0.1 kVpp", "expected a finite number of V; write voltage_kV_pp: 0.1"),
         ("voltage_V: 100 V at the plate", "write the number alone"),
         ("delay_s: 3 V", "expected a finite number of s; write the number alone"),
         ("frequency_Hz: a lot", "expected a finite number of Hz"),

@@ -159,7 +159,6 @@ REFUSED = {
     "EBCDIC": (TEXT.encode("cp500"), ""),
     "packed UTF-16": (gzip.compress(TEXT.encode("utf-16")), "UTF-16"),
     "two byte order marks": ("\ufeff\ufeff" + TEXT, "did you mean time_s"),
-    "carriage returns alone": (TEXT.replace("\n", "\r"), "carriage return"),
     "carriage returns among the rows": (HEADER + TEXT[len(HEADER) :].replace("\n", "\r"), "carriage return"),
     "CR CR LF": (TEXT.replace("\n", "\r\r\n"), "carriage return"),
     "LF CR": (TEXT.replace("\n", "\n\r"), "carriage return"),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import GAINS, NOT_DATA, SCATTERING
+from sysid.columns.labels import GAINS, NOT_DATA, OFFSETS, SCATTERING, left_open
 from sysid.columns.plan import ANGLES, SPLITS, per_drive
 from sysid.columns.preset import named, recognised
 from sysid.columns.roles import channels, lone_signal, plausible, roles, undecided, waveform
@@ -297,13 +297,19 @@ class _Draft:
         unit, why = self._unit(name, index)
         label = self.columns.labels[index]
         more = ", scale = -1.0" if label.sign < 0 else ""
-        stated = label.amplitude if name in units.AMPLITUDES and not self.ratio else ""
+        ratio = self.ratio or per_drive(label.unit)
+        stated = label.amplitude if name in units.AMPLITUDES and not ratio else ""
         more += f", amplitude = {_quote(stated)}" if stated else ""
+        away = name == "frequency" and {*label.words} & OFFSETS
+        more += ', offset = "?"' if away else ""
+        why = why or ("  # offset: the frequency that it is counted from, in its unit" if away else "")
         more += f", file = {_quote(self.files[name])}" if name in self.files else ""
         return f"{name} = {{ column = {self._place(index)}, unit = {_quote(unit)}{more} }}{why}"
 
     def _unit(self, name: str, index: int) -> tuple[str, str]:
         unit = self.columns.unit(index)
+        if why := left_open(name, self.columns.labels[index], "frequency" in self.found):
+            return "?", f"  # {why}"
         if name == "time" and self.head.dated(index):
             return "s", ""
         if name in ("w", "wd", "wq", "x", "y", "magnitude", "response") and fits("time", unit):

@@ -158,6 +158,7 @@ def contract_plan(head: Head) -> Plan:
     for index, label in enumerate(head.names):
         of_errors, says = _of_errors(label), head.says(index)
         ours = not of_errors if waveform else first_word(label) != "response"
+        ours = ours and not ("." in label and label.rpartition(".")[2] in head.names)
         ours = ours and add_source(head, sources, of_errors or says, Source(label, "", column=index))
         notes += [f"column {label} is read as {says}, as settings say"] if ours and says != label else []
         if not ours and label.casefold() != "log":
@@ -248,12 +249,12 @@ def _column(label: str) -> str:
 
 
 def _passing(head: Head, labels: Collection[str]) -> str | None:
-    """The column that is called a time, without a unit of one, and goes up in the first rows; None where
-    there is none."""
+    """The column that is called a time, without a unit of one, or has no name, and goes up in the first rows;
+    None where there is none."""
     rising = (
         label
-        for label in labels
-        if is_called_time(label)
+        for label in sorted(labels, key=is_called_time, reverse=True)
+        if (is_called_time(label) or not label.strip())
         and (first := _first_numbers(head, label))
         and first[-1] > first[0]
         and all(after >= before for before, after in pairwise(first))
@@ -285,8 +286,9 @@ def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str,
             f"a column {counter!r} that counts the rows" if counter.strip() else "a column that counts them"
         )
         way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
-    elif passing:
-        found = f"a column {passing!r} that goes up and states no unit of time"
+    elif passing is not None:
+        called = f"a column {passing!r}" if passing.strip() else "a column without a name"
+        found = f"{called} that goes up and states no unit of time"
         way = (
             f"call it {_with_unit_of_time(passing)}, or whatever its unit is, give the unit in a mapping file"
             f" (--columns), {steady}"

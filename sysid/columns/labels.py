@@ -10,7 +10,7 @@ import unicodedata
 from dataclasses import dataclass
 
 from sysid.columns.mapping import split_ending
-from sysid.columns.plan import ANGLES
+from sysid.columns.plan import ANGLES, PHASES, per_drive
 from sysid.tables import densities, units
 from sysid.tables.densities import is_decibel
 
@@ -42,7 +42,7 @@ INPUTS = {
         "duty": "duty pwm tastgrad",
         "voltage": "v u voltage volt volts spannung tension voltaje tensione напряжение"
         " drive excitation anregung anregungsspannung excitación eccitazione возбуждение"
-        " vin vdrive udrive vexc uexc",
+        " vin vdrive udrive vexc uexc vosc uosc oscillator",
         "wd": "wd",
         "wq": "wq",
         "w": "w displacement velocity response position deflection speed vibration"
@@ -50,6 +50,8 @@ INPUTS = {
         " desplazamiento velocidad respuesta spostamento velocità risposta перемещение скорость отклик",
     }.items()
 }
+# A drive whatever is said of its amplitude, as a voltage is none: a response may be one.
+DRIVEN = {*_words("drive excitation anregung excitación eccitazione возбуждение oscillator")}
 # Words that name a part wherever they stand: a phase before a magnitude, a magnitude in bars before the rest.
 PHASE = {*_words(
     "phase phi theta θ φ ϕ arg ang angle argument thetaz thetay θz θy phz phas"
@@ -85,6 +87,20 @@ RATIOS: dict[str, dict[str, set[str]]] = {
     },
 }
 NOT_DATA = re.compile(r"_err|std|stdev|sigma|error|uncert|variance", re.I)  # of how sure another column is
+ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
+OFFSETS = {
+    "offset",
+    "detuning",
+    "delta",
+    "δ",
+    "δf",
+    "df",
+    "shift",
+    "verstimmung",
+    "désaccord",
+}  # of a frequency
+POWERS = {"power", "intensity", "leistung", "intensität", "puissance", "squared"}
+LOGARITHM = re.compile(r"(ln|log|log10|lg)[\s_]*[(\[|]", re.I)  # of which the unit behind it is none
 _TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  # of an analyser's traces
 _TRACE = re.compile(r"\W*(data|memory) trace (real|imag)\W*", re.IGNORECASE)  # whatever it shows
 _PARTS = PHASE | REAL | IMAGINARY | MAGNITUDE
@@ -94,7 +110,7 @@ _PLAIN = {
     "dbv": "dBV", "ohm": "ohm", "ohms": "ohm", "kohm": "kohm",
 }  # fmt: skip
 # How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued
-# to a word; in the last two it is a usual one.
+# to a word; in the last two it is a usual one. A letter alone before it is a prefix: f_kHz is no f_k in Hz.
 _USUAL = {
     *_PLAIN.values(),
     "V",
@@ -117,7 +133,7 @@ _USUAL = {
 _ENDINGS: tuple[tuple[str, set[str]], ...] = (
     (r"[/,]\s*([^/,\s_]+)$", set()),
     (r"\s(\S{2,})$", _USUAL),
-    (r"(?<=[a-z])(k?Hz|[MG]Hz|Deg|dB|DB|Rad|Ohm)$", _USUAL),
+    (r"(?<=[A-Za-z][a-z])(k?Hz|[MG]Hz|Deg|dB|DB|Rad|Ohm)$", _USUAL),
 )
 _DEGREES = {"C": "degC", "F": "degF", "c": "degC"}
 # Parts that are glued to the sign of what they are of: ReS11, dBS21, Zre, absZ.
@@ -147,7 +163,7 @@ class Label:
         """ "phase", "x", "y" or "magnitude" by the words that say so wherever they stand; "" where none
         does."""
         words = set(self.words)
-        if self.unit in ANGLES or (words & PHASE and not self.unit):
+        if self.unit in ANGLES or (words & PHASE and self.unit in ("", *PHASES)):
             return "phase"
         if "|" in words:
             return "magnitude"
@@ -190,12 +206,13 @@ def parse(text: str) -> Label:
         if told or (lettered and _TRACE.fullmatch(own)):
             return label
     plain = densities.plain(text.strip()).replace("′", "'").replace("″", "''")
-    plain = re.sub(r"in[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
+    plain = re.sub(r"\bin[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
+    plain = re.sub(r"out[-_ ]of[-_ ]phase", "quadrature", plain, flags=re.IGNORECASE)
     plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
     plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
     plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
-    unit, rest = _unit(plain)
-    stated = re.search(r"(?:^|[^A-Za-z])[A-Za-z]{0,2}(rms|pp)(?![A-Za-z])", plain, re.IGNORECASE)
+    unit, rest = ("", plain) if LOGARITHM.match(plain) else _unit(plain)
+    stated = _stated(plain)
     rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
     apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
     words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", folded(apart)) if word]
@@ -205,7 +222,31 @@ def parse(text: str) -> Label:
     unit = _DEGREES.get(unit, unit) if set(parts) & set(INPUTS["temperature"]) else unit
     if unit in ("S", "MS") and parts[:1] and parts[0] in INPUTS["time"]:  # TIME_S; an M may be a mega
         unit = "s" if unit == "S" else ""
-    return Label(folded(rest.strip(" :;,")), parts, unit, sign, stated[1].casefold() if stated else "")
+    return Label(folded(rest.strip(" :;,")), parts, unit, sign, stated)
+
+
+def _stated(head: str) -> str:
+    """What a word of a head says of its amplitude: of Vrms "rms", of Upp "pp"; of `peak` alone ""."""
+    plain = re.sub(r"(pk|peak)[- _]to[- _]\1", "pp", head, flags=re.IGNORECASE)
+    for word in re.split(r"[\s\[(){}\],;:_]+", re.sub(r"^vss\b", "", plain, flags=re.IGNORECASE)):  # a supply
+        of, stated = units.split_amplitude(word)
+        if stated and (len(of) < 4 or is_decibel(of) or per_drive(of)) and word.casefold() != "peak":
+            return stated
+    return ""
+
+
+def left_open(name: str, label: Label, sweep: bool) -> str:
+    """Why a column leaves its unit open although it seems to state one, as a remark; "" where it does not."""
+    words, unit = {*label.words}, label.unit
+    if LOGARITHM.match(label.text):
+        return 'of a logarithm "dB" alone is read, with scale = 20 of log10(A), 8.685889638 of ln(A)'
+    if label.amplitude and per_drive(unit):
+        return f'"{unit}" where both are {label.amplitude}, else with a scale'
+    if name == "frequency" and words & {*ANGULAR, "angular"} and "rad" not in unit:
+        return "rad/s, or Hz where it is no angular frequency"
+    power = re.search(r"(\^2|²)$|^[numkM]?W$", unit) or (words & POWERS and not densities.amplitude_of(unit))
+    response = sweep and name in ("magnitude", "w") and not is_decibel(unit)
+    return "of a power, or a square, save the root" if power and response else ""
 
 
 def is_unit(text: str) -> bool:
@@ -215,6 +256,13 @@ def is_unit(text: str) -> bool:
         bool(text)
         and text.casefold() not in _PARTS - {"db"}
         and (text in ANGLES or is_decibel(text) or units.fits("w", text))
+    )
+
+
+def _is_rate(text: str) -> bool:
+    """Whether a text is one unit over another: of time, of the drive, or one that is usual."""
+    return is_unit(text) and (
+        text in _USUAL or re.search(r"/(s|min|h)\b", text) is not None or per_drive(text) is not None
     )
 
 
@@ -230,6 +278,8 @@ def in_usual_letters(unit: str) -> str:
 
 def _unit(text: str) -> tuple[str, str]:
     """The unit that a head states ("": none), and the head without it."""
+    if (unit := in_usual_letters(text)).endswith("Hz") and unit in _USUAL:  # and nothing else
+        return unit, ""
     for found in reversed(list(re.finditer(r"[\[(]([^\[\]()]*)[\])]", text))):
         unit = in_usual_letters(units.short(units.split_amplitude(found[1].strip())[0]))
         if is_unit(unit):
@@ -239,9 +289,10 @@ def _unit(text: str) -> tuple[str, str]:
     if apart := units.split_in(text):
         return in_usual_letters(units.short(units.split_amplitude(apart[1])[0])), apart[0]
     bare = re.sub(r"[\[(][^\[\]()]*[\])]", "", text)
-    name, _, last = bare.rpartition("_")
-    if name and "/" in last and is_unit(whole := in_usual_letters(last)):  # acceleration_m/s^2, all of it
-        return whole, name
+    if (found := re.search(r"[_\s]([^_\s]+/[^_\s]+)$", bare)) and _is_rate(
+        whole := in_usual_letters(found[1])
+    ):
+        return whole, text.removesuffix(found[0])  # acceleration_m/s^2, Real g/V: all of it
     for pattern, usual in _ENDINGS:
         found = re.search(pattern, bare)
         unit = in_usual_letters(units.short(found[1])) if found and found.start() else ""

@@ -86,7 +86,7 @@ from typing import Any
 import numpy as np
 
 from sysid.columns.metadata import constants_beside
-from sysid.columns.plan import ANGLES, Plan, Source, drive_as, per_drive
+from sysid.columns.plan import PHASES, Plan, Source, drive_as, per_drive
 from sysid.tables import units
 from sysid.tables.cells import Dialect, listed, to_number
 from sysid.tables.csvfile import Head, LogError
@@ -95,7 +95,7 @@ from sysid.tables.scattered import RATIOS, SCATTERED, placed
 from sysid.tables.stamps import is_long
 
 _PLAIN_UNIT = re.compile(
-    r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|rad|deg|rad/s|dB[mV]?"
+    r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|[mu]?rad|m?deg|rad/s|rpm|turns?|cycles?|gon|dB[mV]?"
 )
 WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),
@@ -266,9 +266,17 @@ class MappingFile:
         part = replace(head, names=head.names[begin:end])
         return begin + self._position(key, entry["column"], part)
 
+    def called(self) -> set[str]:
+        """The names of columns that it mentions."""
+        entries = (*self.options.get("columns", {}).values(), self.options.get("split_by"))
+        named = (entry.get("column") if isinstance(entry, dict) else entry for entry in entries)
+        return {name for name in named if isinstance(name, str)}
+
     def _position(self, key: str, column: str | int, head: Head) -> int:
         if isinstance(column, str) and head.names.count(column) == 1:
             return head.names.index(column)
+        if isinstance(column, str) and not any(head.names) and (of := re.search(r"\[(\d+)\]$", column)):
+            column = int(of[1])  # data[0], of an array's columns
         if isinstance(column, int) and 0 <= column < len(head.names):
             return column
         if isinstance(column, int):
@@ -298,16 +306,9 @@ class MappingFile:
             name == "time" and self.options.get("kind") == "waveform" and is_long(head.first(index))
         )
         self._check_unit(key, name, unit)
-        return Source(
-            label,
-            unit,
-            amplitude,
-            index,
-            0.0,
-            float(entry.get("scale", 1)),
-            float(entry.get("offset", 0)),
-            dated,
-        )
+        unit, turn = ("rad", PHASES[unit]) if name == "phase" else (unit, 1.0)
+        scale, offset = (turn * float(entry.get(of, usual)) for of, usual in (("scale", 1), ("offset", 0)))
+        return Source(label, unit, amplitude, index, 0.0, scale, offset, dated)
 
     def _constant(self, name: str, text: Any) -> Source:
         key = f"[constants] {name}"
@@ -321,8 +322,8 @@ class MappingFile:
     def _check_unit(self, key: str, name: str, unit: str) -> None:
         if unit == "?":
             raise self.fail(key, 'found unit = "?", expected the unit')
-        if name == "phase" and unit not in ANGLES:
-            raise self.fail(key, f"found the unit {unit!r}, expected rad or deg")
+        if name == "phase" and unit not in PHASES:
+            raise self.fail(key, f"found the unit {unit!r}, expected rad, deg or turns")
         if name == "phase" or (name in ("magnitude", "w", "std", "std_q") and is_decibel(unit)):
             return
         try:

@@ -19,7 +19,8 @@ def sample_rate(head: Head, metadata: Mapping[str, str]) -> float | None:
     """The sample rate (Hz) that the metadata state; None where they do not."""
     if (key := rate_key(metadata)) is None:
         return None
-    unit = key[len("sample_rate_") :]
+    beside = amount(metadata[key]) or ("", "")
+    unit = key[len("sample_rate_") :] or beside[1]  # sample_rate: 10 kHz
     try:
         units.check_unit("frequency", unit)
     except ValueError as error:
@@ -67,6 +68,10 @@ def written_number(head: Head, key: str, text: str, name: units.Name | None) -> 
     if not math.isfinite(number):
         unit = f" of {name.unit}" if name else ""
         alone = "; write the number alone: its unit stands in the key" if amount(text) and name else ""
+        if (
+            own and name and own.amplitude != name.amplitude and units.fits(name.quantity, own.unit)
+        ):  # 100 Vpp
+            alone = f"; write {name.quantity}_{own.unit}_{own.amplitude}: {digits}"
         raise LogError(
             f"{head.path}, metadata {key!r}: found {text!r}, expected a finite number{unit}{alone}"
         )

@@ -13,6 +13,9 @@ ERRORS = ("std", "std_q")
 # of columns that number experiments
 SPLITS = ("log", "chunk", "sweep", "run", "segment", "block", "experiment")
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
+# of a column that is called a phase: a displacement may be in mrad
+PHASES = ANGLES | {"mrad": 1e-3, "urad": 1e-6, "mdeg": math.pi / 180e3}
+PHASES |= dict.fromkeys(("turn", "turns", "cycle", "cycles"), 2 * math.pi) | {"gon": math.pi / 200}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import INPUTS, NOT_DATA, Label
+from sysid.columns.labels import DRIVEN, INPUTS, NOT_DATA, Label
 from sysid.columns.survey import LEVELS, Columns, fits, is_hertz
 from sysid.tables import units
 from sysid.tables.densities import is_decibel
@@ -69,7 +69,7 @@ def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes,
     or a column beside two of volts. Empty for any other file."""
     time, count = guessed.get("time"), len(columns.labels)
-    others = [index for index in range(count) if index != time and columns.holds_data(index)]
+    others = [k for k in range(count) if k != time and columns.holds_data(k) and not columns.repeats(k, time)]
     volts = [index for index in others if fits("voltage", columns.unit(index))]
     pair = count == 3 and len(volts) == 2
     sampled = any(key.casefold().startswith("sample_rate") for key in columns.head.metadata)
@@ -116,7 +116,9 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     if "w" not in found:
         if undecided(columns, found):
             return found
-        told = bool(left) and (len(left) == 1 or bool(columns.unit(left[0])))
+        told = bool(left) and (
+            len(left) == 1 or (bool(columns.unit(left[0])) and not _are_parts(columns, found, left))
+        )
         one = left[0] if told else None if left else _lone_input(columns, found)
         if one is None:
             return found
@@ -128,6 +130,12 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
         phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]
         found |= {"phase": phases[0]} if len(phases) == 1 else {}
     return found
+
+
+def _are_parts(columns: Columns, found: Mapping[str, int], left: list[int]) -> bool:
+    """Whether columns beside a frequency may be parts of one signal: of one unit, some below zero."""
+    alike = [k for k in left if columns.unit(k) == columns.unit(left[0])]
+    return "frequency" in found and len(alike) > 1 and any(map(columns.is_signed, alike))
 
 
 def _left(columns: Columns, found: Mapping[str, int]) -> list[int]:
@@ -161,7 +169,7 @@ def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> 
     if len(held) == 2 and FLICKER * columns.changes(held[0]) <= columns.changes(held[1]):
         del held[1]
     others = len(left) + ("w" in found) + ("temperature" in found and columns.moves(found["temperature"]))
-    if others != 2 or len(held) != 1 or found.keys() & {*units.DRIVES}:
+    if others < 2 or len(held) != 1 or found.keys() & {*units.DRIVES}:
         return left
     unit = columns.unit(held[0])
     found["voltage" if not unit or fits("voltage", unit) else "duty" if fits("duty", unit) else "drive"] = (
@@ -225,6 +233,18 @@ def _named(columns: Columns) -> dict[str, list[int]]:
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)
+    if not found.keys() & {
+        "frequency",
+        "phase",
+    }:  # a level, or a heater's power, over time is what it is called
+        called = [k for k in found.pop("magnitude", ()) if columns.labels[k].part]
+        found |= {"magnitude": called} if called else {}
+    for pair in (("i", "q"), ("cos", "sin")):  # of one unit: a current is no part of a signal in V
+        both = [[k for k, label in enumerate(columns.labels) if label.words == (word,)] for word in pair]
+        if [len(of) for of in both] == [1, 1] and columns.unit(both[0][0]) == columns.unit(both[1][0]):
+            found |= {"x": both[0], "y": both[1]} if not found.keys() & {"x", "y"} else {}
+    dated = next((k for k, name in enumerate(columns.head.names) if not name and columns.head.dated(k)), None)
+    found |= {"time": [dated]} if "time" not in found and dated is not None else {}  # an index without a name
     for name in ("time", "frequency"):
         free = columns.labels and columns.holds_data(0) and not any(0 in of for of in found.values())
         if name not in found and free and fits(name, columns.unit(0)):
@@ -236,7 +256,8 @@ def _name(label: Label, ratio: str, found: Mapping[str, list[int]], moving: bool
     """What a column is called: an input, or a part of a response, which a column is not whose numbers are all
     the same (not `moving`), nor is it a time."""
     of_ratio = ratio and label.letter(ratio)
-    if not label.part and not of_ratio:
+    driven = label.part == "magnitude" and {*label.words[:1]} & DRIVEN and fits("voltage", label.unit)
+    if (not label.part or driven) and not of_ratio:
         fitting = [
             name for name in INPUTS if label.is_called(name) and (not label.unit or fits(name, label.unit))
         ]

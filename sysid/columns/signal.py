@@ -97,6 +97,6 @@ def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
         values, unit = 10.0 ** (values / 20), reference(unit)
     if power := amplitude_of(unit):
         values, unit = np.sign(values) * np.sqrt(np.abs(values)), power
-    if unit in ANGLES and ANGLES[unit] != 1.0:
-        values, unit = values * ANGLES[unit], "rad"
+    if unit in ("deg", "°"):
+        values, unit = values * ANGLES["deg"], "rad"
     return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit

@@ -8,7 +8,7 @@ from statistics import median
 import numpy as np
 
 from sysid.columns.labels import RATIOS, Label, parse
-from sysid.columns.plan import ANGLES, per_drive
+from sysid.columns.plan import ANGLES, PHASES, per_drive
 from sysid.tables import units
 from sysid.tables.cells import to_number
 from sysid.tables.csvfile import Head
@@ -101,6 +101,10 @@ class Columns:
             return False
         return len(self.numbers(column)) > 0 or self.head.dated(column)
 
+    def repeats(self, column: int, other: int | None) -> bool:
+        """Whether its first numbers are those of another column, as of a time that each channel has."""
+        return other is not None and np.array_equal(self.numbers(column), self.numbers(other))
+
     def counts(self, column: int) -> bool:
         """Whether it counts rows, frames say: whole numbers that go on by one step."""
         found = self.numbers(column)
@@ -132,7 +136,7 @@ class Columns:
 def fits(name: str, unit: str) -> bool:
     """Whether a unit is of the kind of what a mapping file calls so."""
     if name == "phase":
-        return unit in ANGLES
+        return unit in PHASES
     if name in ("magnitude", "w") and (unit in ANGLES or is_decibel(unit)):
         return is_decibel(unit)
     return units.fits(name, unit)

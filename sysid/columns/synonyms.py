@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from sysid.columns.labels import INPUTS, folded
+from sysid.columns.labels import ANGULAR, INPUTS, folded
 from sysid.columns.metadata import stated, stated_constant
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
@@ -27,7 +27,6 @@ STAMPED = (
     "fecha",
     "дата",
 )  # of cells that are dates
-ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
 
@@ -43,7 +42,7 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
             source = Source(label, "", column=column, spare=head.dated(column))
             add_source(head, sources, quantity + label.strip()[len(name) :], source)
             unknown.remove(label)
-            notes.append(f"column {label} is read as {quantity}")
+            notes.append(f"column {label or 'without a name'} is read as {quantity}")
     for key, value in head.metadata.items():
         if (quantity := _meant(key, SYNONYMS, sources)) in units.CONSTANTS:
             label = quantity + key.strip()[len(units.split_unit(key)[0]) :]
@@ -68,13 +67,10 @@ def _meant(label: str, words: Mapping[str, str], sources: Mapping[str, Source]) 
 
 
 def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | None:
-    """`time` for a column of dates that is called so by another name, where no other holds the time; else
-    None."""
-    return (
-        "time"
-        if "time" not in sources and is_called_time(label) and head.dated(head.names.index(label))
-        else None
-    )
+    """`time` for a column of dates that is called so by another name, or by none (an index of pandas), where
+    no other holds the time; else None."""
+    called = is_called_time(label) or not label.strip()
+    return "time" if "time" not in sources and called and head.dated(head.names.index(label)) else None
 
 
 def is_called_time(label: str) -> bool:

@@ -24,22 +24,10 @@ LOST = 0.05
 DWELL = 4.0  # times tau, from which on points are settled
 STEEP = 2.6  # by which the steepest slope of |W| shows a tau that is too short: 3 sqrt(3)/2
 EMPTY = {
-    "",
-    "-",
-    "--",
-    "---",
-    "nan",
-    "na",
-    "n/a",
-    "#n/a",
-    "null",
-    "none",
-    "-nan",
-    "-nan(ind)",
-    "1.#qnan",
-    "-1.#ind",
-    "nan(ind)",
-}
+    "", "-", "--", "---", "nan", "na", "n/a", "null", "none", "<na>", "nat",
+    "-nan", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind",
+    "#n/a", "#nv", "#div/0!", "#num!", "#value!", "#ref!",  # of a spreadsheet that cannot work a number out
+}  # fmt: skip
 
 Arrays = Mapping[str, tuple[np.ndarray, str]]
 

@@ -34,12 +34,14 @@ from sysid.tables.cells import decimals, listed, to_number
 from sysid.tables.csvbody import Body, read_body
 from sysid.tables.csvfile import Head, LogError, called
 from sysid.tables.densities import amplitude_of, is_decibel
+from sysid.tables.melted import widened
 
 logger = logging.getLogger(__name__)
+OFFSET = "of one from a centre say find = true and columns.frequency.offset = 32300, say, in a mapping file"
 # What no bench records: a value beyond is in another unit than it is said to be, or of another sign.
 POSSIBLE = {
     "temperature": (-273.15, np.inf, "a temperature above absolute zero"),
-    "frequency": (0.0, np.inf, "a frequency of 0 or more"),
+    "frequency": (0.0, np.inf, f"a frequency of 0 or more; {OFFSET}"),
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
 NO_MAGNITUDE = 'a magnitude of 0 or more; is it in dB? then say unit = "dB"; of what has a sign, call it w'
@@ -81,6 +83,7 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
 
 def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
     """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
+    head = widened(head, mapping.called() if mapping else ())
     head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))

@@ -5,6 +5,7 @@ LabVIEW (.lvm) calls the axis X_Value and says above what it is; it may leave it
 step alone, as Rigol does. Tektronix writes settings in the first columns of the rows themselves.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
@@ -15,6 +16,7 @@ from sysid.tables.textfile import LogError
 AXIS = "x_value"  # what LabVIEW calls it
 DIMENSIONS = {"time": "time_s", "frequency": "frequency_Hz"}  # of an axis, in the units that LabVIEW has
 WIDEST = 16  # columns of rows with settings beside them
+SETTING = re.compile(r"([A-Za-z]\w*)\s*=\s*([-+.\deE]+)\s*[a-z]*")
 HELD = 3  # settings, a name and its value each, at least
 
 
@@ -47,6 +49,17 @@ def sample_rate(
             raise LogError(f"{path}: {found}, expected one clock for all; save an X column (X_Columns One)")
     step = to_number(settings["delta_x"][0], decimal)
     return f"{1 / step:.12g}" if step > 0 else ""
+
+
+def stated_at_end(names: tuple[str, ...]) -> tuple[tuple[str, ...], str, str]:
+    """The names of a header without settings at its end, `t0 = -1e-3, tInc = 1e-6` as of Rigol, the sample
+    rate (Hz) that they state, and a note on it; of any other all names, and two empty texts."""
+    kept = [k for k, name in enumerate(names, 1) if name and not SETTING.fullmatch(name)]
+    settings = (SETTING.fullmatch(name) for name in names[max(kept, default=len(names)) :])
+    step = {one[1].casefold(): to_number(one[2]) for one in settings if one}.get("tinc", 0.0)
+    if not step > 0:
+        return names, "", ""
+    return names[: max(kept)], f"{1 / step:.12g}", f"sampled every {step:g} s, as tInc says in the header"
 
 
 def beside(lines: Sequence[str], delimiter: str) -> dict[int, str]:

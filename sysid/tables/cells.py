@@ -23,6 +23,9 @@ _THOUSANDS = {
     for decimal, point, group in ((".", r"\.", ","), (",", ",", r"\."))
 }
 _AMOUNT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)(?![\d:])\s*(.*)")  # not of 12:31
+_PART = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_SIGNED = _PART.replace("[+-]?", r"[+-]\s*", 1)
+RECTANGULAR = re.compile(rf"\(?\s*{_PART}\s*{_SIGNED}\s*\*?\s*[ij]\s*\)?")  # (0.1+0.2j), 0.1 + 0.2i
 # Of SCPI, and so of many instruments: 9.91e37 is "not a number", ±9.9e37 infinity (SCPI-99, volume 1, 7.2.1).
 NO_NUMBER = 9.9e37
 SHOWN = 20  # names in a message, of files that have thousands
@@ -58,7 +61,7 @@ def to_number(text: str, decimal: str = ".") -> float:
     a comma, 32.300 is none: it may be thousands.
 
     Thousands that can be nothing else are understood (32,300.5 with a decimal point; 32'300, or a hard
-    space), and so are a printed minus and Fortran's 1.5D-3.
+    space), and so are a printed minus, Fortran's 1.5D-3 and Mathematica's 1.5*^-3.
     """
     text = text.strip()
     if "_" in text or (decimal == "," and "." in text and GROUPED.fullmatch(text)):
@@ -82,7 +85,7 @@ def _odd_number(text: str, decimal: str) -> float:
     if _THOUSANDS[decimal].fullmatch(text):
         text = re.sub(rf"['{'.' if decimal == ',' else ','}]", "", text)
     try:
-        return float(re.sub(r"[dD](?=[+-]?\d+$)", "e", text.replace(decimal, ".")))
+        return float(re.sub(r"(?:[dD]|\*\^)(?=[+-]?\d+$)", "e", text.replace(decimal, ".")))
     except ValueError:
         return math.nan
 
@@ -140,7 +143,7 @@ def with_unit_cells(names: list[str], units: list[str], delimiter: str) -> str:
     csv.writer(named, delimiter=delimiter).writerow(
         [name if not unit or name.endswith(_below(unit)) else f"{name}{_below(unit)}" for name, unit in pairs]
     )
-    return named.getvalue().strip()
+    return named.getvalue().rstrip("\r\n")
 
 
 def unbracketed(text: str) -> str:

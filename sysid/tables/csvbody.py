@@ -302,7 +302,8 @@ def _parse(
         return {column: plain[:, column].copy() for column in columns}, None
     import pandas as pd
 
-    wanted: dict[Any, Any] = {column: str if column in dated else np.float64 for column in columns}
+    truths = {column for column in columns if head.first(column).casefold() in ("true", "false")}
+    wanted: dict[Any, Any] = {k: str if k in dated or k in truths else np.float64 for k in columns}
     if key is not None:
         wanted[key] = str
     options: dict[str, Any] = {

@@ -15,6 +15,7 @@ from typing import BinaryIO, NamedTuple
 from sysid.tables import axis, layout, units
 from sysid.tables.cells import (
     GROUPED,
+    RECTANGULAR,
     WHITESPACE,
     Dialect,
     amount,
@@ -23,9 +24,7 @@ from sysid.tables.cells import (
     listed,
     split_line,
     to_number,
-    unbracketed,
     uncounted,
-    with_unit_cells,
 )
 from sysid.tables.preamble import (
     DEEPEST,
@@ -33,9 +32,13 @@ from sysid.tables.preamble import (
     find_top,
     header_line,
     increment,
+    is_own_header,
     is_table,
+    is_unit_row,
     left_out,
+    numbers_its_rows,
     settings,
+    with_units,
 )
 from sysid.tables.sheet import Sheet
 from sysid.tables.stamps import is_stamp
@@ -170,7 +173,7 @@ def _read_top(path: str, dialect: Dialect) -> Head:
             lines[k], encoding = _decoded(raws[k], encoding, number + k, notes)
         comments += [comment_of(lines[k], marks) for k in among]
         notes += left_out(lines, number, top, among)
-        line, above, depth = header_line(lines, top), top.names + top.units + 1, top.units + 1
+        line, above, depth = header_line(lines, top), top.rows, top.rows - top.names
         dialect = replace(dialect, delimiter=top.delimiter)
     else:
         line, above, comments = _usual_header(lines, comments, dialect)
@@ -183,25 +186,35 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
     while names and not names[-1] and line:
         names = names[:-1]
+    names, step, said = axis.stated_at_end(names)
+    if line and numbers_its_rows(line, lines[above], {len(row) for row in rows}, len(names)):
+        names = ("", *names)
     if not names:
         raise LogError(f"{path}: found a header without a name, expected names such as time_s")
     metadata, repeated = metadata_of(comments)
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
-    told, rate, remark = _explained(path, lines, top, names, rows[0], decimal) if top else ({}, "", "")
+    told, rate, remark = _explained(path, lines, top, names, rows[0], decimal) if top else ({}, step, said)
     if rate and not any(key.casefold().startswith("sample_rate") for key in metadata):
         metadata["sample_rate_Hz"] = rate
         notes.append(remark)
-    remarks = {
-        key: value
-        for key, value in (_stated(comment, "=") for comment in comments)
-        if key and key not in metadata
-    }
+    equations = (_stated(comment, "=") for comment in comments)
+    remarks = {key: value for key, value in equations if key and key not in metadata}
     known = Dialect(delimiter, dialect.comment, decimal, bool(line), join=dialect.join)
     start, below = start + sum(map(len, raws[:above])), bool(top and top.names)
-    said = (*comments, *(lines[: top.names] if top else ()))
+    lines = [*comments, *(lines[: top.names] if top else ())]
     more = (tuple(notes), below, header, remarks)
     return Head(
-        path, metadata, repeated, names, known, start, number + above, rows, *more, above=said, told=told
+        path,
+        metadata,
+        repeated,
+        names,
+        known,
+        start,
+        number + above,
+        rows,
+        *more,
+        above=tuple(lines),
+        told=told,
     )
 
 
@@ -300,8 +313,10 @@ def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tu
     if dialect.header is False or (dialect.header is None and _holds_numbers(lines[0], dialect)):
         line, comments = _header_in_comments(comments, lines[0], dialect)
         return line, 0, comments
-    if dialect.header is None and _is_unit_row(lines[0], lines[1:], dialect):
-        return _with_units(lines[0], lines[1], dialect), 2, comments
+    if dialect.header is None and lines[1:] and is_own_header(lines[1], dialect):  # below a row of groups
+        return lines[1], 2, comments
+    if dialect.header is None and is_unit_row(lines[0], lines[1:], dialect):
+        return with_units(lines[0], lines[1], dialect), 2, comments
     return lines[0], 1, comments
 
 
@@ -356,7 +371,8 @@ def _find_decimal(path: str, rows: tuple[tuple[str, ...], ...], delimiter: str) 
 
 def _holds_numbers(line: str, dialect: Dialect) -> bool:
     """Whether a line is a row, not a header: no name is a number, but those that count the columns."""
-    return any(map(is_number, uncounted(split_line(line, dialect.delimiter or find_delimiter(line)))))
+    cells = uncounted(split_line(line, dialect.delimiter or find_delimiter(line)))
+    return any(is_number(cell) or RECTANGULAR.fullmatch(cell.strip()) for cell in cells)
 
 
 def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tuple[str, list[str]]:
@@ -371,27 +387,3 @@ def _header_in_comments(comments: list[str], row: str, dialect: Dialect) -> tupl
         if width > 1 and delimiter == WHITESPACE and len(apart) == width:
             return " ".join(f'"{name}"' for name in apart), comments[:-1]
     return "", comments
-
-
-def _is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
-    """Whether the line below the header holds units: short texts and no number, where the header has names
-    alone; nothing but units, where some of its names state one."""
-    if not following:
-        return False
-    delimiter = dialect.delimiter or find_delimiter(line)
-    names, below = split_line(line, delimiter), split_line(following[0], delimiter)
-    texts = [unit.strip() for unit in below if unit.strip()]
-    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
-        texts
-    )  # 25.1 kHz, (1+2j)
-    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
-        return False
-    if not any(re.search(r"[_\[(]", name) for name in names):
-        return True
-    some = any(not units.split_unit(name)[1] for name in names)  # W_D beside TIME, and not time_s beside w_um
-    return some and all(units.is_known(unbracketed(text)) for text in texts)
-
-
-def _with_units(line: str, units: str, dialect: Dialect) -> str:
-    delimiter = dialect.delimiter or find_delimiter(line)
-    return with_unit_cells(split_line(line, delimiter), split_line(units, delimiter), delimiter)

@@ -128,14 +128,18 @@ def _holding(found: Any) -> list[str]:
 
 
 def _listed(found: Object) -> Object:
-    """An object with lists for columns that are objects of rows by their numbers, {"f": {"0": 1, "1": 2}}, as
-    pandas writes a table."""
+    """An object with lists for columns that are objects of rows by their numbers, {"f": {"0": 1, "1": 2}}, or
+    rows of the columns that it names, {"columns": ["f"], "data": [[1], [2]]}: pandas writes a table so."""
+    names, whole = found.get("columns"), found.get("data")
+    named = isinstance(names, list) and isinstance(whole, list) and len({*map(str, names)}) == len(names)
+    if named and names and whole and all(isinstance(row, list) and len(row) == len(names) for row in whole):
+        return {str(name): [row[k] for row in whole] for k, name in enumerate(names)}
     lengths = {len(value) for value in found.values() if isinstance(value, dict)}
     if len(lengths) != 1 or not found or not all(isinstance(value, dict) for value in found.values()):
         return found
     (rows,) = lengths
-    names = [str(row) for row in range(rows)]
-    if rows < 2 or any([*value] != names for value in found.values()):
+    numbers = [str(row) for row in range(rows)]
+    if rows < 2 or any([*value] != numbers for value in found.values()):
         return found
     return {name: [*value.values()] for name, value in found.items()}
 
@@ -155,12 +159,21 @@ def _flat(where: str, found: Mapping[str, Any], depth: int, before: str = "") ->
     if depth > DEEPEST:
         raise LogError(f"{where}: found objects within objects {depth} deep, expected {DEEPEST} at most")
     for name, value in found.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and (stated := _with_unit(value)):
+            yield f"{before}{name} [{stated[1]}]", stated[0]
+        elif isinstance(value, dict):
             yield from _flat(where, value, depth + 1, f"{before}{name}.")
         elif isinstance(value, list) and not all(isinstance(x, int | float | str | None) for x in value):
             raise LogError(f"{where}, {before}{name}: found lists within a list, expected numbers")
         else:
             yield f"{before}{name}", value
+
+
+def _with_unit(found: Mapping[str, Any]) -> tuple[Any, str] | None:
+    """The numbers and the unit of an object of both alone, {"values": [1, 2], "unit": "V"}; else None."""
+    unit = next((found[key] for key in ("unit", "units") if isinstance(found.get(key), str)), "")
+    held = [found[key] for key in ("value", "values", "data") if key in found]
+    return (held[0], unit) if unit and len(held) == 1 and len(found) == 2 else None
 
 
 class _Rows:

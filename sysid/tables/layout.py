@@ -163,9 +163,14 @@ def _header(above: Sequence[str], delimiter: str, width: int) -> tuple[tuple[str
 
 
 def can_be_joined(found: Sequence[Table]) -> bool:
-    """Whether tables are traces over one stimulus: as many rows, and the same numbers in their first
-    columns."""
+    """Whether tables are traces over one stimulus: as many rows, and the same numbers in their first columns.
+    Under the same lines, titles and all, they are one table again."""
     if len(found) < 2 or len({len(table.rows) for table in found}) > 1:
+        return False
+    if any(
+        any(found[0].names) and (table.names, table.above) == (found[0].names, found[0].above)
+        for table in found[1:]
+    ):
         return False
     return all(_same(_stimulus(found[0], 0), _stimulus(table, 0)).all() for table in found[1:])
 

@@ -81,5 +81,10 @@ def _enter(store: Store, table: str, name: str, values: Any, depth: int) -> None
         and isinstance(values.reshape(-1)[0], np.ndarray)
     ):
         _enter(store, table, name, values.reshape(-1)[0], depth + 1)
+    elif values.dtype.kind == "O" and all(
+        getattr(of, "dtype", None) and of.dtype.names for of in values.flat
+    ):
+        for k, element in enumerate(values.flat, 1):  # a cell array of structures
+            _enter(store, table, f"{name}[{k}]", element, depth + 1)
     else:
         store.add(table, name, values)

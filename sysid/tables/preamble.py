@@ -4,6 +4,7 @@ Oscilloscopes, LabVIEW and network analysers write such lines: settings, `BEGIN`
 may stand among them, and are read as those of any file.
 """
 
+import re
 from collections.abc import Collection
 from itertools import groupby
 from typing import NamedTuple
@@ -28,12 +29,13 @@ ALIKE = 3  # rows of numbers, one below the other, that are a table
 
 class Top(NamedTuple):
     """Where a table begins: the line of its names, counted from 0, whether a row of units follows, how many
-    columns it has."""
+    columns it has, and the line of its first row."""
 
     names: int
     units: bool
     width: int
     delimiter: str
+    rows: int
 
 
 def is_table(lines: list[str], dialect: Dialect) -> bool:
@@ -42,6 +44,8 @@ def is_table(lines: list[str], dialect: Dialect) -> bool:
         return True
     below = [line for line in lines[1:] if line.strip()]
     sure = next((k for k, line in enumerate(below) if _shape(line, dialect)), len(below))
+    if 1 < sure < len(below) and find_top(lines, dialect):  # names, units and a line more
+        return False
     shape = next(iter(_shapes(below[: sure + 1], dialect)), None)  # of which those further down tell nothing
     return shape is not None and _is_texts(
         lines[0], shape[0], max(_width(line, shape[0]) for line in lines[1 : 1 + ALIKE])
@@ -62,40 +66,63 @@ def find_top(lines: list[str], dialect: Dialect) -> Top | None:
         return None
     delimiter = shape[0]
     width = max(_width(line, delimiter) for line in lines[first : first + ALIKE])
-    last = max((k for k in range(first) if lines[k].strip()), default=0)
-    if not last or not _is_wide(lines[last], delimiter, width, dialect):
+    texts = [k for k in range(first) if lines[k].strip()]
+    names, has_units = _names(lines, texts, Top(0, False, width, delimiter, first), dialect)
+    if names is None or any(is_number(_cells(lines[k], delimiter)[0]) for k in texts if k <= names):
         return None
-    has_units = _is_wide(lines[last - 1], delimiter, width, dialect) and _are_units(
-        _cells(lines[last], delimiter)[:width]
-    )
-    has_units = has_units and all(_cells(lines[last - 1], delimiter)[:width])
-    names = last - has_units
-    above = lines[: names + 1]
-    cells = _cells(lines[last], delimiter)[:width]
-    if any(map(is_number, cells)) or not (has_units or all(cells)):
-        return None
-    if any(is_number(_cells(line, delimiter)[0]) for line in above if line.strip()):
-        return None
-    if all(
-        _is_texts(line, delimiter, width) for line in above
+    alone = all(_is_texts(lines[k], delimiter, width) for k in texts if k <= names)
+    if alone and not (
+        has_units and len(texts) > 2
     ):  # names one below the other: the first of them are the header
         return None
-    return Top(names, has_units, width, delimiter)
+    return Top(names, has_units, width, delimiter, first)
+
+
+def _names(lines: list[str], texts: list[int], top: Top, dialect: Dialect) -> tuple[int | None, bool]:
+    """Which of the lines `texts` above the first row names its columns (None: none); if units follow.
+
+    A line of remarks may stand between the units and the rows, a word alone above these."""
+    below = [_cells(line, top.delimiter) for line in lines[top.rows : top.rows + ALIKE]]
+    held = [k for k in range(top.width) if any(k < len(row) and row[k] for row in below)]
+
+    def wide(k: int) -> bool:
+        return k >= 0 and _is_wide(lines[k], top.delimiter, top.width, dialect)
+
+    def full(k: int) -> bool:
+        cells = _cells(lines[k], top.delimiter)
+        return wide(k) and all(cells[of] for of in held)
+
+    def texts_in(k: int) -> bool:
+        return wide(k) and not any(map(is_number, _cells(lines[k], top.delimiter)[: top.width]))
+
+    def units_in(k: int) -> bool:
+        return texts_in(k) and _are_units(_cells(lines[k], top.delimiter)[: top.width])
+
+    *_, third, second, last = (-1, -1, -1, *texts)
+    if full(second) and units_in(last):
+        return second, True
+    if full(third) and units_in(second) and texts_in(last) and not full(last):
+        return third, True
+    lone = len([cell for cell in _cells(lines[last], top.delimiter) if cell]) == 1
+    if lone and full(second) and texts_in(second) and top.width > 2:  # a setting has a name and a value
+        return second, False
+    return (last, False) if last > 0 and full(last) and texts_in(last) else (None, False)
 
 
 def settings(lines: list[str], dialect: Dialect) -> int:
     """How many lines of settings, a name and its value each, stand above rows of numbers without a header, as
     spectrum analysers save traces; 0 where no such rows follow. Names are different ones, and the last line
-    states a number: it is no header."""
+    states a number, or is a word such as DATA: it is no header."""
     shapes = _shapes(lines, dialect)
     first = next((k for k, x in enumerate(shapes) if x and shapes[k : k + ALIKE] == [x] * ALIKE), 0)
-    above = (
-        [_cells(line, shapes[first][0]) for line in lines[:first] if line.strip()] if shapes[first] else []
-    )
-    names = [cells[0].casefold() for cells in above]
-    stated = [is_number(cell) for cells in above for cell in (*cells[1:2], *[""] * (len(cells) < 2))]
-    named = all(name and not is_number(name) and name[0] not in "#%!" for name in names)
-    return first if named and len({*names}) == len(names) and sum(stated) >= ALIKE and stated[-1] else 0
+    if not (shape := shapes[first]):
+        return 0
+    above = [[cell for cell in _cells(line, shape[0]) if cell] for line in lines[:first] if line.strip()]
+    stated = [is_number(cells[1]) for cells in above if len(cells) > 1]
+    names = [cells[0].casefold() for cells in above if len(cells) > 1]
+    named = all(cells and not is_number(cells[0]) and cells[0][0] not in "#%!" for cells in above)
+    told = bool(stated) and (stated[-1] or len(above[-1]) == 1)
+    return first if named and len({*names}) == len(names) and sum(stated) >= ALIKE and told else 0
 
 
 def names_below(lines: list[str], dialect: Dialect) -> int | None:
@@ -112,6 +139,48 @@ def header_line(lines: list[str], top: Top) -> str:
     names = _cells(lines[top.names], top.delimiter)[: top.width]
     units_below = _cells(lines[top.names + 1], top.delimiter)[: top.width] if top.units else [""] * top.width
     return with_unit_cells(names, units_below, top.delimiter)
+
+
+def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> bool:
+    """Whether rows have a name or a number each in front, which the header of `count` names leaves out.
+
+    R puts it alone in quotes, pandas leaves blanks above it. Elsewhere the last name may be what lacks."""
+    quoted = row.startswith('"') and row.count('"') == 2
+    return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
+
+
+def is_own_header(line: str, dialect: Dialect) -> bool:
+    """Whether all cells of a line that hold something are names of a log's columns with their units."""
+    cells = _cells(line, dialect.delimiter or find_delimiter(line))
+    names = [units.parse_name(cell) for cell in cells if cell]
+    return len(names) > 1 and all(
+        name and name.unit and units.fits(name.quantity, name.unit) for name in names
+    )
+
+
+def is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
+    """Whether the line below the header holds units: short texts and no number, where the header has names
+    alone; nothing but units, where some of its names state one."""
+    if not following:
+        return False
+    delimiter = dialect.delimiter or find_delimiter(line)
+    names, below = split_line(line, delimiter), split_line(following[0], delimiter)
+    texts = [unit.strip() for unit in below if unit.strip()]
+    row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
+        texts
+    )  # 25.1 kHz, (1+2j)
+    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
+        return False
+    if not any(re.search(r"[_\[(]", name) for name in names):
+        return True
+    some = any(not units.split_unit(name)[1] for name in names)  # W_D beside TIME, and not time_s beside w_um
+    return some and all(units.is_known(unbracketed(text)) for text in texts)
+
+
+def with_units(line: str, below: str, dialect: Dialect) -> str:
+    """The header in one line, of a line of names and the units below it."""
+    delimiter = dialect.delimiter or find_delimiter(line)
+    return with_unit_cells(split_line(line, delimiter), split_line(below, delimiter), delimiter)
 
 
 def increment(lines: list[str], top: Top) -> float | None:
@@ -185,4 +254,4 @@ def _are_units(cells: list[str]) -> bool:
     """Whether all cells are units, the first aside, which may be a word such as Sequence, and the empty
     ones."""
     stated = [unbracketed(cell) for cell in cells[1:] if cell]
-    return bool(stated) and all(units.is_known(plain(unit)) for unit in stated)
+    return bool(stated) and all(unit == "#" or units.is_known(plain(unit)) for unit in stated)

@@ -14,7 +14,10 @@ import numpy as np
 
 _ISO = re.compile(r"\d{4}([-/.])\d\d?\1\d\d?([T ]\s*\d\d?:\d\d(:\d\d([.,]\d*)?)?\s*(Z|[+-]\d\d(:?\d\d)?)?)?")
 _HALF = r"(?:\s*([AP])\.?M\.?)?"  # of the day
-_CLOCK = re.compile(rf"(\d\d?):(\d\d):(\d\d(?:[.,]\d*)?){_HALF}", re.IGNORECASE)
+# 12:00:00.5, 12:00:00:500, and 00:00.5 of minutes and seconds, as spreadsheets show it
+_CLOCK = re.compile(
+    rf"(?:(\d\d?):(?=\d\d:)|(?=\d\d:\d\d[.,]\d))(\d\d):(\d\d(?:[.,]\d*|:\d{{3}})?){_HALF}", re.IGNORECASE
+)
 _LOCAL = re.compile(r"\d\d?([-/.])\d\d?\1\d{2,4}(?!\d)")
 _LOCALLY = re.compile(
     rf"(\d\d?)([-/.])(\d\d?)\2(\d{{4}}|\d\d)(?:(?:,?\s+|T)(\d\d?):(\d\d)(?::(\d\d(?:[.,]\d*)?))?{_HALF})?",
@@ -133,7 +136,7 @@ def _clocks(texts: Sequence[str]) -> np.ndarray:
     import pandas as pd
 
     found = [_CLOCK.fullmatch(text) for text in texts]
-    known = [of and f"{_hour(of[1], of[4])}:{of[2]}:{of[3].replace(',', '.')}" for of in found]
+    known = [of and f"{_hour(of[1] or '0', of[4])}:{of[2]}:{re.sub('[,:]', '.', of[3])}" for of in found]
     read = pd.to_timedelta(pd.Series(known, dtype=object), errors="coerce")
     return read.to_numpy("timedelta64[ns]")
 

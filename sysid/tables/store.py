@@ -5,7 +5,8 @@ Numbers are taken as they are, complex ones as two columns, texts as texts; what
 file (objects, functions, references) is never made or run: it is named, and left out."""
 
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -100,7 +101,7 @@ class Store:
         return self._head(columns, dialect, next(iter(tables)) if len(tables) == 1 else None)
 
     def _head(self, columns: Mapping[str, np.ndarray], dialect: Dialect, table: str | None) -> Head:
-        path = self.path
+        path, names = self.path, tuple(columns)
         constants = self.constants | (self.facts.get(table, {}) if table is not None else {})
         sheet = Sheet(tuple(columns.values()), lambda row, _: f"{path}, row {row + 1}")
         notes = (*self.notes, *([f"left out: {listed(self.left_out)}"] if self.left_out else []))
@@ -110,7 +111,7 @@ class Store:
             path,
             constants,
             frozenset(),
-            ("",) * len(columns) if self.nameless else tuple(columns),
+            ("",) * len(columns) if self.nameless or _of_one_array(names) else names,
             plain,
             0,
             1,
@@ -127,6 +128,12 @@ class Store:
         other = [name for name, values in columns.items() if len(values) != best]
         self.left_out += [f"{name} ({len(columns[name])} of {best} rows)" for name in other]
         return {name: values for name, values in columns.items() if len(values) == best and best > 0}
+
+
+def _of_one_array(names: Sequence[str]) -> bool:
+    """Whether columns are those of one array, whose numbers say nothing."""
+    found = [re.fullmatch(r"(.*)\[\d+\]", name) for name in names]
+    return all(found) and len({one[1] for one in found if one}) == 1 < len(names)
 
 
 def claim_text(store: Store) -> None:

@@ -11,6 +11,9 @@ import numpy as np
 from sysid.tables.store import Store, library
 from sysid.tables.textfile import LogError
 
+# The step of a channel's rows and where they begin, and in what: a spectrum's are no times.
+AXIS = ("wf_increment", "wf_start_offset", "wf_xunit_string", "wf_xname")
+
 
 def read_tdms(path: str, kind: str) -> Store:
     """The contents of a TDMS file. Raises LogError where it is damaged, cut off, or claims too many
@@ -53,7 +56,7 @@ def _heard(console: logging.Handler, said: list[str]) -> Iterator[None]:
 
 
 def _enter(store: Store, file: Any) -> None:
-    steps = set()
+    axes = set()
     for item in (file, *file.groups()):
         for key, value in item.properties.items():
             if isinstance(value, str | int | float):
@@ -61,8 +64,14 @@ def _enter(store: Store, file: Any) -> None:
     for group in file.groups():
         for channel in group.channels():
             unit = channel.properties.get("unit_string", "")
-            steps.add(channel.properties.get("wf_increment"))
+            axes.add(tuple(channel.properties.get(key) for key in AXIS))
             store.add(group.name, channel.name, channel[:], unit if isinstance(unit, str) else "")
-    step = next(iter(steps)) if len(steps) == 1 else None
-    if isinstance(step, int | float) and step > 0:
+    step, start, unit, name = next(iter(axes)) if len(axes) == 1 else (None,) * 4
+    if not (isinstance(step, int | float) and step > 0):
+        return
+    if str(unit).endswith("Hz") or str(name).casefold() == "frequency":
+        for table, columns in store.tables.items():
+            count = len(next(iter(columns.values())))
+            store.add(table, "frequency", (start or 0.0) + step * np.arange(count), str(unit or "Hz"))
+    else:
         store.constants["sample_rate_Hz"] = f"{1 / step:.12g}"

@@ -7,6 +7,7 @@ import gzip
 import io
 import lzma
 import os
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, BinaryIO
@@ -24,7 +25,19 @@ FOREIGN = {
     b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
     b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
     codecs.BOM_UTF32_LE: "UTF-32 text",
+    b"SQLite format 3": "a database (SQLite)",
+    b"CDF\x01": "a netCDF file of version 3",
+    b"CDF\x02": "a netCDF file of version 3",
+    b"<?xml": "XML",
+    b"<html": "a web page",
+    b"<!DOCTYPE": "a web page",
+    b"{\\rtf": "formatted text (.rtf)",
+    b"\x80\x04\x95": "a pickle of Python, which is never opened",
+    b"\x80\x05\x95": "a pickle of Python, which is never opened",
 }
+NEAR = 1 << 16  # bytes in which a file that is one long line to others shows what ends its lines
+# A time that a serial monitor writes before each line that it receives.
+_RECEIVED = re.compile(rb"^(\d\d:\d\d:\d\d\.\d{3}) -> ", re.MULTILINE)
 
 
 class LogError(ValueError):
@@ -58,13 +71,15 @@ def refuse_changed(path: str, before: os.stat_result) -> None:
 def open_text(path: str) -> BinaryIO:
     """The file's bytes, decompressed when they are packed. A file that is no text: LogError."""
     with open(path, "rb") as file:
-        first = file.read(20)
+        first = file.read(NEAR)
     if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
         raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
     if first.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return _from_utf16(path)
-    opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), open)
-    return opener(path, "rb")
+    opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), None)
+    if opener is None and ((b"\r" in first and b"\n" not in first) or _RECEIVED.match(first)):
+        return _from_lines(path)
+    return (opener or open)(path, "rb")
 
 
 def is_packed(path: str) -> bool:
@@ -82,6 +97,21 @@ def _from_utf16(path: str) -> BinaryIO:
         raise LogError(
             f"{path}: found damaged UTF-16 text ({error}), expected a text table; save it as CSV"
         ) from None
+
+
+def _from_lines(path: str) -> BinaryIO:
+    """The text with line feeds where it has carriage returns alone, of a Macintosh, and the times of a
+    serial monitor as a column; whole in memory."""
+    with open(path, "rb") as file:
+        text = file.read()
+    text = text if b"\n" in text else text.replace(b"\r", b"\n")
+    if _RECEIVED.match(text):
+        first = text.partition(b"\n")[0]
+        mark = next((mark for mark in (b",", b";", b"\t") if mark in first), b" ")
+        text = _RECEIVED.sub(rb"\1" + mark, text)
+        if re.search(rb"[A-Za-z]", _RECEIVED.sub(b"", first)):
+            text = b"timestamp" + text[text.index(mark) :]
+    return io.BytesIO(text)
 
 
 def read_line(path: str, file: BinaryIO, number: int) -> bytes:

@@ -122,8 +122,11 @@ _BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp
 _QUOTIENT = re.compile(r"([^/_,]*[^/_,\s])(?:\s*/\s*|,\s+)(\S.*)")
 _PART = re.compile(r"([wW])_([dDqQ])(?=[_\s\[(])")  # W_d (um), w_q_um
 _IN = re.compile(r"(|.*\S)[\s_]+in\s+(\S.*)")  # Zeit in s; of R&S also "in s" alone, or below a name
-_AMPLITUDE = re.compile(r"(?P<unit>.*?)[\s_]*(?P<amplitude>rms|pp|peak|p-p|pk-?pk|pk)", re.I)
-_PEAKS = {"pk": "peak", "pkpk": "pp", "pk-pk": "pp", "p-p": "pp"}
+# Of Veff and Vss (Spitze-Spitze); behind other letters they end a word, and w_ss is the steady state.
+_WORD = r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff|(?<=(?-i:[VAm]))ss"
+_AMPLITUDE = re.compile(rf"(?P<unit>.*?)[\s_]*(?P<amplitude>{_WORD})", re.I)
+_PEAKS = {"pk": "peak", "0-p": "peak", "0p": "peak", "eff": "rms"}
+_PEAKS |= dict.fromkeys(("pkpk", "pk-pk", "p-p", "ss"), "pp")
 
 
 class Name(NamedTuple):
@@ -137,12 +140,13 @@ class Name(NamedTuple):
 
 @functools.lru_cache(1024)  # of a lot's logs, whose names are the same
 def parse_name(label: str) -> Name | None:
-    """The quantity, unit and kind of amplitude that a column name states; None for a column that is not one
-    of ours."""
+    """The quantity, unit and kind of amplitude that a column name states, behind the object that it stands in
+    (`payload.time_s`) too; None for a column that is not one of ours."""
     name, unit, amplitude = split_unit(label)
     quantity = name.casefold()
     if quantity not in QUANTITIES:
-        return None
+        own = parse_name(end) if (end := label.rpartition(".")[2]) != label else None
+        return own if own and own.unit and own.quantity not in ("std", "std_q") else None
     if quantity == "duty":
         return Name(quantity, short(unit) or "1", "peak")
     if quantity in AMPLITUDES:
@@ -183,7 +187,7 @@ def split_unit(label: str) -> tuple[str, str, str]:
     `name_unit`; `name_word_unit` is a name without one."""
     label = _PART.sub(r"\1\2", plain(label.strip()), count=1)
     if found := _BRACKETS.fullmatch(label):
-        name, stated = split_amplitude(found[1])
+        name, stated = (found[1], "") if found[1] == "Vss" else split_amplitude(found[1])  # a supply
         return name, found[2], _in_words(found[3] or stated)
     if apart := level_at_end(label) or split_in(label):
         return *apart, ""
