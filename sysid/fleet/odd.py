@@ -77,7 +77,7 @@ def _shown(frame: pd.DataFrame) -> dict[int, str]:
 
 def _copied(frame: pd.DataFrame) -> dict[int, str]:
     """Of plates whose parameters are another's to the digit: by their place in the table, a sentence."""
-    good = frame[frame["result"] == Result.successful.value].sort_values(["tau", "plate"])
+    good = frame[frame["result"] == Result.successful.value].sort_values("tau", kind="stable")
     names = [name for name in PLANT if f"{name}_std" in good]
     values, errors = (good[[f"{n}{end}" for n in names]].to_numpy(float) for end in ("", "_std"))
     apart = np.abs(np.diff(values, axis=0)) <= SAME * errors[1:]
