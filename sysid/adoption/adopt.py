@@ -51,8 +51,9 @@ UNLIKE = 0.5  # of log G and log tau, by which plates of a kind differ
 @dataclass(frozen=True)
 class Outcome:
     """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
-    it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; and which
-    names, of the first order in which log, are `refuted`, and of which, fitted in full, none is `sure`."""
+    it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; which names,
+    of the first order in which log, are `refuted`; and `unsure`, those of effects of which none, fitted in
+    full, is sure to be there."""
 
     adopted: Description | None = None
     named: Description | None = None

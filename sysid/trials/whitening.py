@@ -39,7 +39,8 @@ class Noise:
     spread: np.ndarray | None = field(
         default=None, repr=False
     )  # of each row's noise over the level, where it is not 1
-    stated: np.ndarray | None = field(default=None, repr=False)  # the same, as the log states it of each row
+    # the same, as the log states it of each row, or as what undoes a sensor makes it
+    stated: np.ndarray | None = field(default=None, repr=False)
     rounded: np.ndarray | None = field(
         default=None, repr=False
     )  # the same as `spread` for rounding; complex of d and q
