@@ -12,28 +12,26 @@ rotated demodulator). It is made from each of a few seeds and fitted, and so it 
 `must` is what has to come out, and in cases.py beside it the words that have to be said. Writes hard_logs.md.
 
     --seeds N   how many of each (default 3)        --only NAME   cases whose name holds NAME; printed in full, not written
+    --jobs N    processes (default 1)
 """
 
 import argparse
 import os
 from collections import Counter
+from datetime import date
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import peers
+from answered import answered
 from cases import CASES, GROUPS, NO_LOG_CAN_TELL
 from rich.console import Console
 from rich.progress import track
-from verdicts import VERDICTS, Answer, as_it_must, ours
+from verdicts import VERDICTS, Answer, as_it_must
 
 WHERE = Path(__file__).parents[1] / "hard_logs.md"
 Answers = dict[str, dict[str, list[Answer]]]  # by program and case
-
-
-def answered(name: str, seeds: int) -> dict[str, list[Answer]]:
-    """By program."""
-    case = CASES[name]
-    found = {"sysid": [ours(case, seed) for seed in range(seeds)]}
-    return found | {peer: [peers.theirs(peer, case, seed) for seed in range(seeds)] for peer in peers.PEERS}
 
 
 def counted(found: Answers, cases: dict) -> list[str]:
@@ -54,49 +52,38 @@ def summary(answers: list[Answer]) -> str:
 
 def table(found: Answers, command: str) -> str:
     """The study as Markdown."""
-    lines = [
-        "# Hard logs",
-        "",
-        f"Made by `{command}`.",
-        "",
-        __doc__.partition("\n\n")[2].partition(" Writes")[0],
-        "",
-    ]
-    lines += [peers.__doc__.partition("\n\n")[2], ""]
+    said = __doc__.partition("\n\n")[2].partition(" Writes")[0]
+    by_peers = peers.__doc__.partition("\n\n")[2]
+    lines = ["# Hard logs", "", f"Made by `{command}` on {date.today()}.", "", said, "", by_peers, ""]
     seen = [name for group in GROUPS.values() for name in group]
     lines += [f"## {len(seen)} cases whose logs hold what is wrong", "", *counted(found, seen), ""]
-    wrong = {n: next((a for a in found["sysid"][n] if not as_it_must(CASES[n], a)), None) for n in seen}
-    odd = [
-        f"- {n}, where it must be {CASES[n].must}: {a.verdict}: {a.said}"
-        for n, a in wrong.items()
-        if a is not None
-    ]
-    lines += [
-        "Each answer of sysid is what it must be, and says why."
-        if not odd
-        else "Answers of sysid that are not what they must be:",
-        "",
-        *odd,
-    ]
-    lines += [
-        "In brackets the largest number of standard deviations by which something that was called determined is off.",
-        "",
-    ]
+    lines += [*not_as_they_must(found["sysid"], seen), ""]
     for title, group in GROUPS.items():
-        lines += [
-            f"### {title}",
-            "",
-            "| case | must | " + " | ".join(found) + " |",
-            "|" + "---|" * (len(found) + 2),
-        ]
+        lines += [f"### {title}", "", "| case | must | " + " | ".join(found) + " |"]
+        lines += ["|" + "---|" * (len(found) + 2)]
         lines += [
             f"| {name} | {case.must} | " + " | ".join(summary(of[name]) for of in found.values()) + " |"
             for name, case in group.items()
         ]
         lines.append("")
+    return "\n".join([*lines, *undetectable(found), *was_said(found["sysid"])]) + "\n"
+
+
+def not_as_they_must(found: dict[str, list[Answer]], cases: list[str]) -> list[str]:
+    """The first answer of each case that is not what it must be."""
+    wrong = {n: next((a for a in found[n] if not as_it_must(CASES[n], a)), None) for n in cases}
+    odd = [f"- {n}, where it must be {CASES[n].must}: {a.verdict}: {a.said}" for n, a in wrong.items() if a]
+    head = "Answers of sysid that are not what they must be:"
+    return [
+        *([head, "", *odd, ""] if odd else ["Each answer of sysid is what it must be, and says why.", ""]),
+        "In brackets the largest number of standard deviations by which something that was called determined is off.",
+    ]
+
+
+def undetectable(found: Answers) -> list[str]:
+    """The section of the logs of another plate."""
+    lines = ["## Undetectable", ""]
     lines += [
-        "## Undetectable",
-        "",
         "Each of these logs is that of another plate. What is printed is there to be doubted by a person.",
         "",
     ]
@@ -107,21 +94,17 @@ def table(found: Answers, command: str) -> str:
         "|---|---|---|---|---|",
     ]
     for name in NO_LOG_CAN_TELL:
-        first = found["sysid"][name][0]
-        lines.append(f"| {name} | {summary(found['sysid'][name])} | {printed(first)} |")
-    lines += [
-        "",
-        "## What was said",
-        "",
-        "Of the first answer of sysid that is not right (`--only NAME` shows all).",
-        "",
-        "```",
-    ]
-    told = {n: next((a for a in found["sysid"][n] if a.verdict != "right"), None) for n in CASES}
-    return (
-        "\n".join([*lines, *(f"{a.verdict}: {n}: {a.said}" for n, a in told.items() if a is not None), "```"])
-        + "\n"
-    )
+        answers = found["sysid"][name]
+        lines.append(f"| {name} | {summary(answers)} | {printed(answers[0])} |")
+    return [*lines, ""]
+
+
+def was_said(found: dict[str, list[Answer]]) -> list[str]:
+    """The words of the first answer of each case that is not right."""
+    told = {n: next((a for a in found[n] if a.verdict != "right"), None) for n in CASES}
+    said = [f"{a.verdict}: {n}: {a.said}" for n, a in told.items() if a is not None]
+    about = "Of the first answer of sysid that is not right (`--only NAME` shows all)."
+    return ["## What was said", "", about, "", "```", *said, "```"]
 
 
 def printed(answer: Answer) -> str:
@@ -131,23 +114,31 @@ def printed(answer: Answer) -> str:
     return " | ".join([Q, f"{tau:.4g} s" if tau else "-", f"{f0:.7g} Hz" if f0 else "-"])
 
 
+def tell(name: str, who: str, answers: list[Answer]) -> None:
+    """Prints them in full."""
+    for a in answers:
+        fits = "" if who != "sysid" or as_it_must(CASES[name], a) else f", must be {CASES[name].must}"
+        said = a.said.replace(" | ", "\n    ")
+        print(f"{name}: {who}: {a.verdict} (z {a.z:.3g}){fits}\n    {said}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--only")
+    parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     names = [name for name in CASES if given.only is None or given.only in name]
     found: Answers = {who: {} for who in ("sysid", *peers.PEERS)}
-    for name in track(names, console=Console(stderr=True), disable=given.only is not None):
-        for who, answers in answered(name, given.seeds).items():
-            found[who][name] = answers
-            for a in answers if given.only is not None else ():
-                fits = "" if who != "sysid" or as_it_must(CASES[name], a) else f", must be {CASES[name].must}"
-                print(
-                    f"{name}: {who}: {a.verdict} (z {a.z:.3g}){fits}\n    " + a.said.replace(" | ", "\n    "),
-                    flush=True,
-                )
+    with get_context("spawn").Pool(given.jobs) as workers:
+        every = workers.imap(partial(answered, given.seeds), names)
+        shown = track(every, total=len(names), console=Console(stderr=True), disable=given.only is not None)
+        for name, by_program in zip(names, shown, strict=True):
+            for who, answers in by_program.items():
+                found[who][name] = answers
+                if given.only is not None:
+                    tell(name, who, answers)
     if given.only is None:
         WHERE.write_text(table(found, f"python benchmarks/hard_logs --seeds {given.seeds}"), encoding="utf-8")
 
