@@ -205,11 +205,17 @@ def _likeliest(square: np.ndarray, channels: int) -> tuple[float, np.ndarray, fl
     normal = 0.5 * n * channels * (np.log(max(np.mean(square) / channels, 1e-300)) + 1)
     if n < 20 or not np.any(square):
         return normal, np.ones(n), None
-    costs, weights = _student(square, TAILS[:, None], channels)
+    # Of rows so many of which are exactly zero, as where a recorder repeats one value, a Student-t
+    # distribution has no level (Kent & Tyler, Ann. Stat. 19, 2102, 1991).
+    exact = np.mean(square <= ROUNDING * np.mean(square))
+    nu = TAILS[TAILS / (TAILS + channels) > exact]
+    if not len(nu):
+        return normal, np.ones(n), None
+    costs, weights = _student(square, nu[:, None], channels)
     best = int(np.argmin(costs))
     if costs[best] > normal - ODD:
         return normal, np.ones(n), None
-    return costs[best], weights[best], float(TAILS[best])
+    return costs[best], weights[best], float(nu[best])
 
 
 def apart(residual: np.ndarray, weight: np.ndarray) -> float:
