@@ -45,7 +45,8 @@ MOST = 2  # effects in one set of logs
 LIKELY = 0.25
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
-UNLIKE = 0.5  # of log G and log tau, by which plates of a kind differ
+# of log G and log tau, by which plates of a kind differ, and by which the prefix of a unit makes them
+UNLIKE = (0.5, float(np.log(1e3)))
 
 
 @dataclass(frozen=True)
@@ -213,14 +214,15 @@ class _Adoption:
 
     def differing(self, own: State) -> float:
         """What it costs that logs have parameters of their own, each of which differs from that of all by d
-        with the variance C: beside a prior of S^2 log(1 + S^2/C)/2 + d^2/(C + S^2)/2, or d^2/C/2 as they are
-        the same, and log 2 for which of these."""
+        with the variance C: log(1 + S^2/C)/2 + d^2/(C + S^2)/2 beside priors of S^2, one of which is 0, as of
+        what is the same; and the log of how many of these there are."""
         points, cost = self.search.points, 0.0
         for name in (n for n in DIFFER if n in points.names):
             away, error = apart(own, points.alone, name, warmth(points.minimiser, own.trials))
-            std = WARMED * points.alone.half_bandwidth if name == "f0" else UNLIKE
-            own_cost = float(np.log1p((std / error) ** 2) + away**2 / (error**2 + std**2))
-            cost += 0.5 * min(own_cost, (away / error) ** 2) + float(np.log(2))
+            unlike = (WARMED * points.alone.half_bandwidth,) if name == "f0" else UNLIKE
+            priors = np.array([0.0, *unlike]) / error
+            each = 0.5 * (np.log1p(priors**2) + (away / error) ** 2 / (1 + priors**2))
+            cost += float(np.min(each) + np.log(len(priors)))
         return cost
 
     def cause(self, best: Description) -> bool:

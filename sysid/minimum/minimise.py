@@ -34,7 +34,7 @@ NEW = Rounds()  # for logs of whose noise nothing is known
 ESTIMATED = Rounds(known=1)  # for logs whose noise was estimated at a minimum nearby
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
 MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
-DOUBTFUL = 1.4  # factor about LOW_Q within which the data decide whether the fast mode ripples
+DOUBTFUL = 1.4  # times LOW_Q, below which the data decide whether the fast mode ripples
 
 
 @dataclass(frozen=True)
@@ -194,13 +194,13 @@ class Minimiser:
         theta: np.ndarray,
         rounds: Rounds = NEW,
     ) -> State:
-        """The minimum near `theta`, with the fast mode's ripple where Q is low; near LOW_Q the better of with
-        and without."""
+        """The minimum near `theta`; where Q is low the better of that with the fast mode's ripple and that
+        without, as behind a lock-in that removes it."""
         if not any(t.resonant and not t.steady for t in trials):
             return self._descend(trials, theta, False, rounds)
         state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds)
         q = self._q(state.theta)
-        if abs(np.log(q / LOW_Q)) > np.log(DOUBTFUL) and state.low_q == (q < LOW_Q):
+        if not state.low_q and q > DOUBTFUL * LOW_Q:
             return state
         other = self._descend(trials, state.theta, not state.low_q, rounds)
         return min(state, other, key=lambda s: (not s.converged, s.cost))
