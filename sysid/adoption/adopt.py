@@ -157,17 +157,22 @@ class _Adoption:
     def ahead(self, best: Description) -> float:
         """By how much its evidence is more than that of what the first order found of other kinds and was not
         tried in full, an upper bound of that, and what it is worth in full where the bound is no less; and
-        than that a log which contradicts the others, or each, is of a plate of its own."""
+        than that its logs, or one which contradicts the others, or each, are of a plate of their own."""
         full = {name for d in self.alone for name in d.names()}
         others = [
             f for f in self.looked.found if not any(f.name == n and f.log in (None, i) for n, i in full)
         ]
-        every, apart = self._every, {f.log for f in others if f.name in BETWEEN and f.log is not None}
+        apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
         among = (f for f in others if f.name not in BETWEEN or f.log is None)
         known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in among)
-        ways: list[Sequence[tuple[int, ...]]] = [((i,), tuple(k for k in every if k != i)) for i in apart]
-        ways += [tuple((i,) for i in every)] if len(apart) > 1 else []
-        return best.evidence - max([SURE, *known, *(self.parted(*way) for way in ways)])
+        ways = {self._beside({i}) for i in apart} | {self._beside(best.where)}
+        ways |= {tuple((i,) for i in self._every)} if len(apart) > 1 else set()
+        return best.evidence - max([SURE, *known, *(self.parted(*way) for way in ways if all(way))])
+
+    def _beside(self, where: set[int]) -> tuple[tuple[int, ...], ...]:
+        """These logs and the others."""
+        rest = tuple(i for i in self._every if i not in where)
+        return tuple(sorted([tuple(sorted(where)), rest]))
 
     @property
     def _every(self) -> tuple[int, ...]:
@@ -208,9 +213,10 @@ class _Adoption:
         return self.parts[groups]
 
     def by_themselves(self, trials: tuple[Trial, ...]) -> State:
-        """What some of the logs tell beside the others."""
-        points = self.search.points
-        return points.minimiser.beside(trials).refine(trials, points.alone.theta, LEVEL)
+        """What some of the logs tell beside the others, near the plate of all or where they lead to."""
+        points, search = self.search.points, self.search.points.minimiser.beside(trials)
+        begins = [points.alone.theta, search.roughly(trials)[0].theta]
+        return max((search.refine(trials, theta, LEVEL) for theta in begins), key=lambda s: s.likelihood)
 
     def differing(self, own: State) -> float:
         """What it costs that logs have parameters of their own, each of which differs from that of all by d
