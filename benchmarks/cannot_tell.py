@@ -261,7 +261,7 @@ CAUSES = {
     "no drive recorded": Cause(
         "G", ("no drive is recorded",), lambda b: [replace(b.step(), drive=None)], column("drive")
     ),
-    "drive zero throughout": Cause("G", ("drive is zero",), lambda b: [ring_down(b)], and_step),
+    "drive zero throughout": Cause("G", ("zero throughout",), lambda b: [ring_down(b)], and_step),
     "no frequency": Cause(
         "f0",
         ("no frequency is recorded",),

@@ -91,8 +91,9 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
 
 def overdamped(state: State, reference: tuple[float, float]) -> str | None:
     """A sentence when the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no
-    resonance; else None."""
-    if not any(t.resonant for t in state.trials) or all(t.silent for t in state.trials):
+    resonance; else, as where all is at one frequency, which says nothing of that, None."""
+    resonant = any(t.resonant for t in state.trials) and not _one_frequency(state.trials)
+    if not resonant or all(t.silent for t in state.trials):
         return None
     if np.pi * (reference[0] + state.named.f0) * state.tau >= 0.5:
         return None
