@@ -23,9 +23,10 @@ from sysid.trials.extra import EXTRA, with_thermometers
 from sysid.trials.trial import Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
+from sysid.verdict.averaged import Hint
 from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, retold
 from sysid.verdict.decay import decays, of_decays
-from sysid.verdict.differing import dispersion
+from sysid.verdict.differing import Said, dispersion
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit
 from sysid.verdict.gain_confounding import confounds_gain, tightened, with_feedthroughs
@@ -184,32 +185,45 @@ def _widened(question: FitProblem, found: Fit, late: bool) -> Fit:
 def _together(question: FitProblem, found: Fit) -> Fit:
     """The fit, its errors those of logs that differ by more than theirs, that may be read in two ways, or
     that may hold more than they show: of what may be there, as far as it leaves them determined."""
-    best, judged = found.modes[0], found.judged
-    differ, said = dispersion(best, found.reference, found.names)
+    differ, said = dispersion(found.modes[0], found.reference, found.names)
     differ = differ + question.dispersion
-    hints = judged.looked.average(best, found.reference)
-    hint, hung = hints.hint, confounds_gain(best, found.reference, found.names)
-    told, spans = found, (False, False)
-    for added, these in ((differ + hints.covariance, (True, True)), (differ, (True, False))):
-        if not np.any(added):
+    hints = found.judged.looked.average(found.modes[0], found.reference)
+    for covariance, hinted in ((differ + hints.covariance, True), (differ, False)):
+        if not np.any(covariance):
             break
-        states = [replace(s, dispersion=added) for s in found.modes]
-        anew = np.any(differ) or judged.wrong  # by the errors, whose harm is another
-        again = conclude(question, states, hung, None if anew else judged)
-        if again.result is Result.successful or not (said or hint):
-            told, spans = replace(again, notes=(*again.notes, *found.notes)), these
-            break
-    alarms = [x.told(spans[0]) for x in said if x.rare or not spans[0]]
-    notes = [x.told(spans[0]) for x in said if spans[0] and not x.rare]
+        told = _wider(question, found, covariance, bool(np.any(differ)))
+        if told.result is Result.successful or not (said or hints.hint):
+            return _with_words(told, found, said, True, hints.hint, hinted)
+    return _with_words(found, found, said, False, hints.hint, False)
+
+
+def _wider(question: FitProblem, found: Fit, covariance: np.ndarray, anew: bool) -> Fit:
+    """The fit with errors that span more; `anew`: it is judged by these, beside which other things harm."""
+    states = [replace(s, dispersion=covariance) for s in found.modes]
+    judged = None if anew or found.judged.wrong else found.judged
+    hung = confounds_gain(states[0], found.reference, found.names)
+    again = conclude(question, states, hung, judged)
+    return replace(again, notes=(*again.notes, *found.notes))
+
+
+def _with_words(
+    told: Fit, found: Fit, differ: Sequence[Said], spanned: bool, hint: Hint | None, hinted: bool
+) -> Fit:
+    """The fit as it is told, with what is said of logs that `differ`, of what there may be by a `hint`, which
+    its errors span or not, and of what is taken not to be there."""
+    alarms = [x.told(spanned) for x in differ if x.rare or not spanned]
+    notes = [x.told(spanned) for x in differ if spanned and not x.rare]
     doubts = [] if hint is None else [f for f in told.findings if f.outcome == "noted" and hint.about(f)]
-    if hint is not None and (spans[1] or not doubts):
-        finding, sentences = hint.told(spans[1]), [d.sentence for d in doubts]
+    if hint is not None and (hinted or not doubts):
+        finding, sentences = hint.told(hinted), [d.sentence for d in doubts]
         told = replace(
             told,
             findings=(*(f for f in told.findings if f not in doubts), finding),
             warnings=tuple(w for w in told.warnings if w not in sentences),
         )
-        (alarms if doubts or not spans[1] else notes).append(finding.sentence)
+        (alarms if doubts or not hinted else notes).append(finding.sentence)
+    known = {f.key for f in told.findings}
+    notes += wording.assumed([a for a in found.judged.looked.assumed() if a.key not in known])
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 

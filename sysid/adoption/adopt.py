@@ -165,7 +165,9 @@ class _Adoption:
         apart = {f.log for f in others if f.name in BETWEEN and f.log is not None}
         among = (f for f in others if f.name not in BETWEEN or f.log is None)
         known = (self.whole(f) if _most_evidence(f) >= best.evidence else SURE for f in among)
-        ways = {self._beside({i}) for i in apart} | {self._beside(best.where)}
+        ways = {self._beside({i}) for i in apart}
+        if not any(x.effect.relative for x in best.instances):  # which is how that log differs
+            ways.add(self._beside(best.where))
         ways |= {tuple((i,) for i in self._every)} if len(apart) > 1 else set()
         return best.evidence - max([SURE, *known, *(self.parted(*way) for way in ways if all(way))])
 

@@ -112,7 +112,8 @@ class Effect:
     each of its `places` (m, d); where none is, all that it does at a place. `known_as`: what else shows it to
     first order (`verdict.terms`); with neither it has to be tried. `noise_like`: whether noise of a log looks
     like such numbers. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
-    and of what that moves, where it may be there and hide. `stated`: what a log's metadata would have said of
+    and of what that moves, where it may be there and hide. `shown_by`: what shows it where a log would not.
+    `stated`: what a log's metadata would have said of
     it, by which rows are read in another way. `colour`: of noise that went through it, the correlation of
     rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what all are.
     `vague`: whether in such a log, with such numbers, it may look like anything, so that all others are tried
@@ -142,6 +143,7 @@ class Effect:
     noise_like: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     expected: bool = False
     unseen: Callable[[Trial, About], str] = lambda trial, about: ""
+    shown_by: str = ""
     colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None
     relative: bool = False
     vague: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False

@@ -28,7 +28,7 @@ import numpy as np
 
 from sysid.model.theta import NAMES
 from sysid.verdict.finding import Finding
-from sysid.verdict.linear import PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.linear import FARAWAY, PERHAPS, Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
 
@@ -76,6 +76,16 @@ class Average(NamedTuple):
     def none(cls) -> "Average":
         """Where there is nothing to average over."""
         return cls(np.zeros((len(NAMES), len(NAMES))))
+
+
+class Assumed(NamedTuple):
+    """What logs would not show if it were of a usual size, and what would; what that would move far, by how
+    much: G and tau by a share, f0 by Hz."""
+
+    key: str
+    logs: tuple[str, ...]
+    shown_by: str
+    moves: dict[str, float]
 
 
 class Allowed(NamedTuple):
@@ -228,6 +238,20 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     added[np.ix_(index, index)] = np.tensordot(share[k, p], spans, 1)
     those = [(each[j], numbers[j], float(share[j, 0])) for j in k]
     return Average(added, widest(those, fit.names, fit.views))
+
+
+def assumed(fit: Linear, tried: Sequence[Term]) -> list[Assumed]:
+    """What the fit assumes not to be there, of effects of which it is known what would show them."""
+    found: dict[Kind, Assumed] = {}
+    for term, scored in zip(tried, fit.scored(tried), strict=True):
+        shown_by = "" if term.source is None else term.source[0].shown_by
+        if not shown_by or (scored is not None and np.min(scored.usual) > SHOWS**2):
+            continue
+        each = zip(fit.names, fit.usually(term), fit.std, strict=True)
+        if moves := {n: float(moved * std) for n, moved, std in each if moved > FARAWAY and n != "k_T"}:
+            logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
+            found[term.name, term.log] = Assumed(term.name, logs, shown_by, moves)
+    return list(found.values())
 
 
 def widest(

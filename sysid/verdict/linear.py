@@ -201,6 +201,13 @@ class Linear:
         """What a shift of the parameters changes of the prior's log density."""
         return -float(shift @ (self.pulled + 0.5 * self.prior @ shift))
 
+    def usually(self, term: Term) -> np.ndarray:
+        """(p,) by how much the parameters move, in their standard deviations, with a term of a usual size."""
+        if (added := self._added(term)) is None:
+            return np.zeros(len(self.names))
+        moves = self.reported @ self.inverse @ added.cross * (added.usual * added.scale)
+        return np.linalg.norm(moves, axis=1) / self.std
+
     def doubt(self, term: Term) -> str | None:
         """What the term would do at a size of two of its standard deviations, at which it is not seen; None
         if that is little."""

@@ -21,7 +21,7 @@ from sysid.effects.effect import About, one_way
 from sysid.effects.plate import CURVED
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
-from sysid.verdict.averaged import Average, averaged
+from sysid.verdict.averaged import Assumed, Average, assumed, averaged
 from sysid.verdict.between import own, times
 from sysid.verdict.gain_confounding import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
@@ -58,6 +58,10 @@ class Misfits(NamedTuple):
         if any(t.noise.coloured for t in state.trials):
             fit = Linear(LinearisedLog.each(state, reference, coloured=True), state, fit.names, fit.away)
         return averaged(fit, self.tried)
+
+    def assumed(self) -> list[Assumed]:
+        """What is taken not to be there, as the logs would not show it."""
+        return [] if self.fit is None else assumed(self.fit, self.tried)
 
 
 def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> Misfits:

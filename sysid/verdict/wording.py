@@ -11,6 +11,7 @@ from sysid.rows.dwell import of_single_points
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise
+from sysid.verdict.averaged import Assumed
 from sysid.verdict.identify import seconds
 
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
@@ -178,6 +179,23 @@ def hangs_on_lateness(error: float) -> str:
         f" look alike in a step;"
         " record a sweep beside it, or state delay_s (0 if nothing is late)"
     )
+
+
+def assumed(some: Sequence[Assumed]) -> list[str]:
+    """A sentence on all that the same logs would not show, and what would."""
+    told = []
+    for logs, shown_by in dict.fromkeys((a.logs, a.shown_by) for a in some):
+        here = [a for a in some if (a.logs, a.shown_by) == (logs, shown_by)]
+        names = ", ".join(a.key.replace("_", " ") for a in here)
+        most = {n: max(a.moves.get(n, 0.0) for a in here) for n in ("G", "tau", "f0")}
+        moved = ", ".join(
+            f"{n} by {x:.2g} Hz" if n == "f0" else f"{n} by {100 * x:.2g} %" for n, x in most.items() if x
+        )
+        told.append(
+            f"{', '.join(logs)}: taken as without {names}, which would not show here, and of a tenth of the"
+            f" response would move {moved}; record {shown_by}"
+        )
+    return told
 
 
 def of_thermometers(unstated: Sequence[Log], k_T: float, without: Theta, errors: Theta) -> list[str]:
