@@ -1,10 +1,12 @@
 """Errors span effects that logs allow and do not show, by the evidence of each."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import seeds
+from scipy.optimize import brentq
 from scipy.stats import multivariate_normal
 
 import sysid
@@ -176,3 +178,41 @@ def test_an_effect_that_logs_would_not_show_counts_once_it_is_worth_more_than_ch
             assert share[:, 0] == pytest.approx([odds / (1 + odds), 0, 0])
             told += 1
     assert told > 2
+
+
+def damped(bench, volts, power, taken=0.1):
+    """A sweep of a plate that is damped by 1 + c |W|^power, which takes that share off its peak at 100 V: the
+    root of |W|^2 ((1 + c |W|^power)^2 + x^2) = (G V)^2 at x half bandwidths."""
+    f, hb = np.linspace(31800, 32800, 101), 1 / (2 * np.pi * bench.plant.tau)
+    x, drive = (f - bench.plant.f0) / hb, bench.plant.G * volts
+    c = (1 / (1 - taken) - 1) / ((1 - taken) * bench.plant.G * 100) ** power
+    size = [brentq(lambda w: w * np.hypot(1 + c * w**power, a) - drive, 0, drive) for a in x]
+    clean = drive / (1 + c * np.array(size) ** power + 1j * x)
+    noise = np.random.default_rng(3).standard_normal((2, 101)) * 0.01 * bench.plant.G * 100
+    each = np.full(101, volts), f, np.full(101, 24.0)
+    return sysid.Log(f"at {volts:g} V", clean * 1j + noise[0] + 1j * noise[1], None, *each)
+
+
+def assumed(fit):
+    return [n for n in fit.notes if "would not show here" in n]
+
+
+def test_a_sweep_at_one_level_tells_what_it_takes_not_to_be_there(bench):
+    """The note's sizes are those by which a plate with a tenth of it moves the fit, to first order."""
+    plain = sysid.fit([damped(bench, 100.0, 2, 0.0)])
+    (said,) = assumed(plain)
+    assert "taken as without amplitude damping" in said and "another level of the drive" in said
+    stated = {n: float(x) / 100 for n, x in re.findall(r"(G|tau) by ([\d.]+) %", said)}
+    moved = {n: [] for n in stated}
+    for power in (1, 2):
+        found = sysid.fit([damped(bench, 100.0, power)], effects="rotation,offset,background").parameters
+        for name in moved:
+            moved[name].append(abs(np.log(found[name].value / plain.parameters[name].value)))
+    assert set(stated) == {"G", "tau"}
+    for name, size in stated.items():
+        assert max(moved[name]) == pytest.approx(size, rel=0.35)  # of first order, and of two laws the larger
+
+
+def test_what_shows_is_not_taken_not_to_be_there(bench):
+    """Two levels of the drive show damping by the amplitude."""
+    assert not assumed(sysid.fit([damped(bench, 100.0, 2, 0.0), damped(bench, 30.0, 2, 0.0)]))

@@ -19,7 +19,7 @@ CHOSEN = (
     "clipped on one side", "20 % outliers, sweep", "drop-out in the rise", "drop-out that holds", "three levels",
     "constant", "zeros", "noise alone", "noise that remembers", "demodulator that turns", "a cell without a number",
     "window of 0.05 tau",
-    "window of 100 tau", "rows 10 tau apart", "one row", "two rows", "three rows", "all rows at one time", "drive of zero",
+    "window of 100 tau", "Q of 2", "rows 10 tau apart", "one row", "two rows", "three rows", "all rows at one time", "drive of zero",
     "sweep with a drop-out",
     "far beside the peak", "half a peak", "one frequency while the plate warms", "two peaks", "two peaks in one",
     "resonance that softens", "finger, not recorded", "two plates, far apart", "two plates, named", "filter of half a tau",

@@ -10,7 +10,7 @@ from conftest import most, seeds, study
 
 import sysid
 from sysid import Log
-from sysid.trials.noise import FEW_STEPS, _grams, _whitened, estimate
+from sysid.trials.noise import FEW_STEPS, _grams, _whitened, estimate, tails
 from sysid.trials.record import Record
 from sysid.trials.trial import Trial
 
@@ -90,6 +90,20 @@ def test_equal_time_stamps_and_tiny_inputs_stay_finite():
         level, time = estimate(np.ones(n), np.arange(float(n)), float(n))
         assert (level, time) == (1.0, 0.0)
     assert estimate(np.zeros(30), np.arange(30.0), 30.0) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("exact", "told"), [(0.3, True), (0.7, False)])
+def test_rows_of_one_value_have_no_tails(exact, told):
+    """A Student-t distribution has no level, and all rows but those of one value no weight, where that value
+    has more of them than nu/(nu + channels): of 1.5 degrees of freedom, the fewest tried, 0.6 of one
+    channel."""
+    rng = np.random.default_rng(5)
+    residual = rng.standard_t(1.5, size=400)
+    residual[rng.permutation(400)[: int(exact * 400)]] = 0.0
+    with np.errstate(all="raise"):
+        weight, information = tails(residual)
+    assert np.all(np.isfinite(weight)) and 0 < information <= 1
+    assert bool(np.any(weight != 1)) is told
 
 
 def test_whitening_undoes_the_recursion():

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.model.theta import NAMES
-from sysid.verdict.finding import Finding
+from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.linear import FARAWAY, PERHAPS, Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
@@ -76,16 +76,6 @@ class Average(NamedTuple):
     def none(cls) -> "Average":
         """Where there is nothing to average over."""
         return cls(np.zeros((len(NAMES), len(NAMES))))
-
-
-class Assumed(NamedTuple):
-    """What logs would not show if it were of a usual size, and what would; what that would move far, by how
-    much: G and tau by a share, f0 by Hz."""
-
-    key: str
-    logs: tuple[str, ...]
-    shown_by: str
-    moves: dict[str, float]
 
 
 class Allowed(NamedTuple):

@@ -31,6 +31,17 @@ class Finding:
     mostly: bool = False
 
 
+@dataclass(frozen=True)
+class Assumed:
+    """What logs would not show if it were of a usual size, and what would; what that would move far, by how
+    much: G and tau by a share, f0 by Hz."""
+
+    key: str
+    logs: tuple[str, ...]
+    shown_by: str
+    moves: dict[str, float]
+
+
 def entry(key: str) -> str:
     """Where the documentation has the entry of a finding's key."""
     return f"{PAGE}#{key.replace(' ', '-')}"

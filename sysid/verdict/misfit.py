@@ -21,8 +21,9 @@ from sysid.effects.effect import About, one_way
 from sysid.effects.plate import CURVED
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
-from sysid.verdict.averaged import Assumed, Average, assumed, averaged
+from sysid.verdict.averaged import Average, assumed, averaged
 from sysid.verdict.between import own, times
+from sysid.verdict.finding import Assumed
 from sysid.verdict.gain_confounding import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
 from sysid.verdict.linearised import LinearisedLog

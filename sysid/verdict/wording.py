@@ -11,7 +11,7 @@ from sysid.rows.dwell import of_single_points
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise
-from sysid.verdict.averaged import Assumed
+from sysid.verdict.finding import Assumed
 from sysid.verdict.identify import seconds
 
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
