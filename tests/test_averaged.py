@@ -186,7 +186,7 @@ def damped(bench, volts, power, taken=0.1):
     f, hb = np.linspace(31800, 32800, 101), 1 / (2 * np.pi * bench.plant.tau)
     x, drive = (f - bench.plant.f0) / hb, bench.plant.G * volts
     c = (1 / (1 - taken) - 1) / ((1 - taken) * bench.plant.G * 100) ** power
-    size = [brentq(lambda w: w * np.hypot(1 + c * w**power, a) - drive, 0, drive) for a in x]
+    size = [brentq(lambda w, a=a: w * np.hypot(1 + c * w**power, a) - drive, 0, drive) for a in x]
     clean = drive / (1 + c * np.array(size) ** power + 1j * x)
     noise = np.random.default_rng(3).standard_normal((2, 101)) * 0.01 * bench.plant.G * 100
     each = np.full(101, volts), f, np.full(101, 24.0)
