@@ -228,21 +228,25 @@ def test_rows_without_a_signal_are_no_part_of_the_mean_of_their_block(order, dar
     assert fit.parameters["tau"].std < 0.01 * TAU  # most blocks have rows that hold a signal
 
 
+@pytest.mark.parametrize("filtered", [True, False])
 @pytest.mark.parametrize("offset", [0.01, 0.03, 0.3])
-def test_an_offset_under_a_step_that_begins_at_its_first_row_is_no_feedthrough(offset):
-    """Behind a filter a feedthrough rises, and an offset does not. The plate and its filter are at rest
-    before."""
+def test_an_offset_under_a_step_that_begins_at_its_first_row_is_no_feedthrough(offset, filtered):
+    """A feedthrough is not there yet in the first row, and rises behind a filter; an offset is there. The
+    plate and its filter are at rest before."""
     rng, f0, time = np.random.default_rng(4), 6750.0, np.sort(np.random.default_rng(1).uniform(0, 0.5, 250))
+    time[0] = 0.0
     plate, lag, size = -10.0 + 1j * 7.0, -37.0, 1e-3  # rates (1/s), and the response where it has settled
-    y = (lag * np.exp(plate * time) - plate * np.exp(lag * time)) / (plate - lag) + 1
+    y = 1 - np.exp(plate * time)
+    if filtered:
+        y = 1 + (lag * np.exp(plate * time) - plate * np.exp(lag * time)) / (plate - lag)
     response = size * (1j * y * (10 / abs(plate)) + offset * np.exp(1j))
     response += 5e-7 * (rng.standard_normal(250) + 1j * rng.standard_normal(250))
     rows = np.full(250, 0.1), np.full(250, f0), None
-    stated = {"lockin_tau_s": -1 / lag, "lockin_order": 1.0}
+    bench = {"lockin_tau_s": -1 / lag, "lockin_order": 1.0} if filtered else {}
     found = sysid.fit(
-        [sysid.Log("s", response, time, *rows, kind="transient", sampling="instant", bench=stated)]
+        [sysid.Log("s", response, time, *rows, kind="transient", sampling="instant", bench=bench)]
     )
-    assert not [f for f in found.findings if f.outcome == "refused"]
+    assert not [f for f in found.findings if f.outcome in ("refused", "fitted")]
     tau, shown = found.parameters["tau"], found.parameters["f0"]
     assert abs(tau.value - 0.1) < 4 * tau.std
     assert abs(shown.value - (f0 + 7.0 / (2 * np.pi))) < 4 * shown.std

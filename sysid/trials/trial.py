@@ -197,9 +197,7 @@ class Trial(Record):
             if offset and np.ptp(drive) > 0:
                 shapes["offset"] = np.ones(n)
         else:
-            # Driven at a frequency, what an offset of a step from rest does to G a feedthrough does as well, but
-            # for a filter behind which that rises.
-            if offset and not (self.from_rest and self.resonant and self.smoothing[1] == 0):
+            if offset:
                 shapes["offset"] = np.ones(n)
             if background and (np.ptp(drive) > 0 or not offset):
                 shapes["feedthrough"] = self._filtered()

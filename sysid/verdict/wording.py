@@ -43,7 +43,7 @@ def assumptions(trial: Trial) -> list[str]:
             f" one moment{finer}"
         )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
-        rest = "taken as at rest, with no output offset, before its first row"
+        rest = "taken as at rest before its first row"
         alone = (
             "taken as at rest before its first row, which alone tells an output offset from G: record rows"
             " before the step"
