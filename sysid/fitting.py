@@ -33,6 +33,7 @@ from sysid.verdict.gain_confounding import confounds_gain, tightened, with_feedt
 from sysid.verdict.ownership import owned
 from sysid.verdict.result import Result
 from sysid.verdict.sensor_delay import with_delays
+from sysid.verdict.unexplained import slow
 
 log = logging.getLogger(__name__)
 TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
@@ -76,7 +77,7 @@ def fit(
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     found = _concluded(question, states)
     restless, sure = decays(best)[0], False
-    names = _called_for(found.judged, bool(restless), nuisances)
+    names = _called_for(best, found.judged, bool(restless), nuisances)
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
         question, found, sure = _with_effects(question, found, names, bool(restless))
@@ -103,10 +104,14 @@ def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) 
     return nuisances
 
 
-def _called_for(judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
+def _called_for(best: State, judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
     """The effects of these names that a minimum may call for: of logs that only differ, none that lasts for a
-    while; of driven rows that no plate explains, no other."""
+    while; of driven rows that no plate explains, no other; of what harms nothing, those that it is to first
+    order."""
     each = [e for e in EFFECTS if e.hop is None or not judged.apart]
+    if not judged.wrong and not any(slow(best, i) for i in range(len(best.trials))):
+        known = {f.name for f in judged.found if f.certain}
+        each = [e for e in each if known & {e.name, *e.known_as}]
     return [e.name for e in each if e.name in names and (e.hop is not None or not restless)]
 
 

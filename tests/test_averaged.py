@@ -188,7 +188,7 @@ def damped(bench, volts, power, taken=0.1):
     c = (1 / (1 - taken) - 1) / ((1 - taken) * bench.plant.G * 100) ** power
     size = [brentq(lambda w, a=a: w * np.hypot(1 + c * w**power, a) - drive, 0, drive) for a in x]
     clean = drive / (1 + c * np.array(size) ** power + 1j * x)
-    noise = np.random.default_rng(3).standard_normal((2, 101)) * 0.01 * bench.plant.G * 100
+    noise = np.random.default_rng(3).standard_normal((2, 101)) * 0.01 * bench.plant.G * volts
     each = np.full(101, volts), f, np.full(101, 24.0)
     return sysid.Log(f"at {volts:g} V", clean * 1j + noise[0] + 1j * noise[1], None, *each)
 
@@ -198,21 +198,21 @@ def assumed(fit):
 
 
 def test_a_sweep_at_one_level_tells_what_it_takes_not_to_be_there(bench):
-    """The note's sizes are those by which a plate with a tenth of it moves the fit, to first order."""
+    """As much damping by the amplitude as the note says moves the fit as far as it says, to first order."""
     plain = sysid.fit([damped(bench, 100.0, 2, 0.0)])
     (said,) = assumed(plain)
-    assert "taken as without amplitude damping" in said and "another level of the drive" in said
+    assert "record other levels of the drive" in said
+    share = float(re.search(r"amplitude damping \((\d+) %\)", said).group(1)) / 100
     stated = {n: float(x) / 100 for n, x in re.findall(r"(G|tau) by ([\d.]+) %", said)}
-    moved = {n: [] for n in stated}
-    for power in (1, 2):
-        found = sysid.fit([damped(bench, 100.0, power)], effects="rotation,offset,background").parameters
-        for name in moved:
-            moved[name].append(abs(np.log(found[name].value / plain.parameters[name].value)))
+    found = sysid.fit([damped(bench, 100.0, 1, share)], effects="rotation,offset,background").parameters
     assert set(stated) == {"G", "tau"}
     for name, size in stated.items():
-        assert max(moved[name]) == pytest.approx(size, rel=0.35)  # of first order, and of two laws the larger
+        moved = abs(np.log(found[name].value / plain.parameters[name].value))
+        # the share has one digit, of which the last may be half off; and what moves it is of first order
+        assert moved == pytest.approx(size, rel=0.35)
 
 
 def test_what_shows_is_not_taken_not_to_be_there(bench):
     """Two levels of the drive show damping by the amplitude."""
-    assert not assumed(sysid.fit([damped(bench, 100.0, 2, 0.0), damped(bench, 30.0, 2, 0.0)]))
+    found = sysid.fit([damped(bench, 100.0, 2, 0.0), damped(bench, 30.0, 2, 0.0)])
+    assert not [n for n in assumed(found) if "damping" in n]

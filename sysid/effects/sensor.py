@@ -131,7 +131,7 @@ def _saturated(law: Law, each: bool) -> Effect:
         },
         said=said,
         makes_sense=positive,
-        shown_by="another level of the drive",
+        shown_by="other levels of the drive",
         scope="bench",
     )
 

@@ -28,10 +28,11 @@ import numpy as np
 
 from sysid.model.theta import NAMES
 from sysid.verdict.finding import Assumed, Finding
-from sysid.verdict.linear import FARAWAY, PERHAPS, Linear, Scored, chances_of
+from sysid.verdict.linear import FARAWAY, PERHAPS, USUAL, Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
 
+HIDES = 2.0  # standard deviations of an effect, of which less is as likely not to be there
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
 MOST = 100.0  # of log evidence: more is as certain
@@ -231,16 +232,22 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
 
 
 def assumed(fit: Linear, tried: Sequence[Term]) -> list[Assumed]:
-    """What the fit assumes not to be there, of effects of which it is known what would show them."""
+    """What the fit assumes not to be there, of effects of which it is known what would show them: of a usual
+    size or, if less, of the largest that would not show, `HIDES` of its standard deviations."""
     found: dict[Kind, Assumed] = {}
     for term, scored in zip(tried, fit.scored(tried), strict=True):
-        shown_by = "" if term.source is None else term.source[0].shown_by
-        if not shown_by or (scored is not None and np.min(scored.usual) > SHOWS**2):
+        if term.source is None or not (shown_by := term.source[0].shown_by):
             continue
-        each = zip(fit.names, fit.usually(term), fit.std, strict=True)
-        if moves := {n: float(moved * std) for n, moved, std in each if moved > FARAWAY and n != "k_T"}:
+        share, moved = USUAL, fit.usually(term)
+        if scored is not None:
+            numbers = np.minimum(np.sqrt(scored.usual), HIDES)
+            share = USUAL * float(np.max(numbers / np.sqrt(scored.usual)))
+            moved = np.linalg.norm(scored.moves * numbers, axis=1)
+        far = {n: float(x * std) for n, x, std in zip(fit.names, moved, fit.std, strict=True) if x > FARAWAY}
+        known = found.get((term.name, term.log))
+        if far and (known is None or share > known.share):
             logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
-            found[term.name, term.log] = Assumed(term.name, logs, shown_by, moves)
+            found[term.name, term.log] = Assumed(term.name, logs, shown_by, share, far)
     return list(found.values())
 
 

@@ -182,18 +182,20 @@ def hangs_on_lateness(error: float) -> str:
 
 
 def assumed(some: Sequence[Assumed]) -> list[str]:
-    """A sentence on all that the same logs would not show, and what would."""
+    """A sentence on all that logs would not show, and what would."""
     told = []
-    for logs, shown_by in dict.fromkeys((a.logs, a.shown_by) for a in some):
-        here = [a for a in some if (a.logs, a.shown_by) == (logs, shown_by)]
-        names = ", ".join(a.key.replace("_", " ") for a in here)
-        most = {n: max(a.moves.get(n, 0.0) for a in here) for n in ("G", "tau", "f0")}
+    for shown_by in dict.fromkeys(a.shown_by for a in some):
+        here = [a for a in some if a.shown_by == shown_by]
+        most = {key: max(a.share for a in here if a.key == key) for key in dict.fromkeys(a.key for a in here)}
+        names = ", ".join(f"{key.replace('_', ' ')} ({100 * share:.1g} %)" for key, share in most.items())
+        moves = {n: max(a.moves.get(n, 0.0) for a in here) for n in ("G", "tau", "f0")}
         moved = ", ".join(
-            f"{n} by {x:.2g} Hz" if n == "f0" else f"{n} by {100 * x:.2g} %" for n, x in most.items() if x
+            f"{n} by {x:.2g} Hz" if n == "f0" else f"{n} by {100 * x:.2g} %" for n, x in moves.items() if x
         )
+        logs = ", ".join(dict.fromkeys(name for a in here for name in a.logs))
         told.append(
-            f"{', '.join(logs)}: taken as without {names}, which would not show here, and of a tenth of the"
-            f" response would move {moved}; record {shown_by}"
+            f"{logs}: taken as without {names}; as much of the response would not show here, and would move"
+            f" {moved}; record {shown_by}"
         )
     return told
 
