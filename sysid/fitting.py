@@ -249,7 +249,7 @@ def _spanning(question: FitProblem, found: Fit) -> Fit:
 
 def _concluded(question: FitProblem, states: list[State]) -> Fit:
     """The fit from its minima. Where the error of G is due to nuisances that may cancel, their priors are
-    narrowed if that describes the logs."""
+    narrowed if that describes the logs, or may with effects that are still to be looked for."""
     minimiser, best = question.minimiser, states[0]
     names = confounds_gain(best, minimiser.reference, minimiser.free)
     if len(states) > 1 or not names:
@@ -260,7 +260,7 @@ def _concluded(question: FitProblem, states: list[State]) -> Fit:
     if narrow.result is not Result.misfit or not narrow.judged.open:  # whose cause is plain
         return narrow
     wide = conclude(question, states, names)
-    return wide if wide.result is Result.misfit else narrow
+    return wide if wide.result is Result.misfit or question.effects else narrow
 
 
 def _tight(minimiser: Minimiser, state: State, names: Sequence[str]) -> list[State]:

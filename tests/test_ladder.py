@@ -27,6 +27,7 @@ from sysid.posterior.mixture import Mixture
 from sysid.posterior.target import Target
 from sysid.report import costs, text
 from sysid.trials.trial import Trial
+from sysid.trials.whole import uncondensed
 from sysid.verdict.result import Result
 
 SWEEP = Path(__file__).parents[1] / "data" / "synthetic" / "sweep_24C.csv"
@@ -166,14 +167,14 @@ def test_a_condensed_log_has_its_rows_back():
         kind="transient",
     )
     trial = Trial.of(log, "transient")
-    whole = trial.uncondensed()
+    whole = uncondensed(trial)
     assert (
         len(trial.log) < 5000
         and len(whole.log) == 30_000
         and whole.noise.count.sum() == trial.noise.count.sum() == 30_000
     )
     np.testing.assert_array_equal(whole.log.response, log.response)
-    assert whole.uncondensed() is whole and Trial.of(whole.log, "transient", ()).whole is not None
+    assert uncondensed(whole) is whole and Trial.of(whole.log, "transient", ()).whole is not None
 
 
 def test_a_last_rung_without_time_for_every_row_leaves_the_one_before(monkeypatch):

@@ -13,6 +13,7 @@ from sysid.model.span import orthonormal
 from sysid.shown import Shown
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
+from sysid.trials.whole import uncondensed
 from sysid.verdict.fitted import Fit, FittedLog
 
 BENCH = ("rotation", "background", "offset")  # of a log's own: what is found from its rows
@@ -71,7 +72,7 @@ def predict(fit: Fit, log: Log, bench: bool = True) -> Prediction:
     _check(fit, log)
     (first,), _ = reading.trials([log], BENCH if bench else ())
     state = fit.modes[0]
-    trial = reading.read_as(first, log.sampling, state.tau).uncondensed()
+    trial = uncondensed(reading.read_as(first, log.sampling, state.tau))
     course, noise = LogResponse.of(trial, fit.reference, state.theta), _noise(fit.logs, trial)
     response, jacobian = course.forced, course.derivatives()
     if log.amplitude_only:

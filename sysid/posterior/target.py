@@ -17,6 +17,7 @@ from sysid.trials.experiment import group
 from sysid.trials.extra import asked
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
+from sysid.trials.whole import uncondensed
 from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import limits
 
@@ -60,7 +61,7 @@ class Target:
 
     def _whole(self, trial: Trial) -> Trial:
         """The trial over all rows of the file."""
-        whole, best = trial.uncondensed(), self.fit.modes[0]
+        whole, best = uncondensed(trial), self.fit.modes[0]
         course = LogResponse.of(whole, self.fit.reference, best.theta)
         return whole.with_bench(extra=asked(whole, course, (whole.bench.start, -whole.bench.late)))
 

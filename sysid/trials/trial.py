@@ -74,7 +74,7 @@ class Trial(Record):
         )
         share = DECIBEL[kind] if log.relative_noise else 0.0
         level, spread = UNKNOWN * scale_of(read.log.response), uneven(share, read.log.response)
-        stated = _stated(read.log, log)
+        stated = as_stated(read.log, log)
         noise = Noise(
             clock_of(read.log), read.count, read.there, level, share=share, spread=spread, stated=stated
         )
@@ -95,34 +95,6 @@ class Trial(Record):
             noise=noise,
             nuisances=nuisances,
         )
-
-    def uncondensed(self) -> "Trial":
-        """The trial over all rows of the file, with the same noise but without the weights of single rows.
-        The spread of each row's noise, and its share of rounding errors, are interpolated from the means
-        about it: a single row, with its own noise, shows neither."""
-        if self.whole is None:
-            return self
-        read = prepare(self.whole, self.kind, len(self.whole))
-        rows = (
-            1.0 if read.log.time is not None else len(read.log) / len(self.log)
-        )  # times are in rows where none is recorded
-        noise = self.noise.of_rows(read.log, read.count, read.there, rows, _stated(read.log, self.whole))
-        swept = self.steady and self.resonant
-        now, at = (self.log.frequency, read.log.frequency) if swept else (self.noise.clock, noise.clock)
-        order = np.argsort(now, kind="stable")
-
-        def over(x: np.ndarray | None) -> np.ndarray | None:
-            return None if x is None else np.interp(at, now[order], x[order])
-
-        spread, under, alongside = over(self.noise.spread), over(self.bench.under), over(self.bench.alongside)
-        noise = replace(noise, spread=spread)
-        rounded = [
-            np.interp(at, now[order], p.rounded[order]) for p in self.noise.parts if p.rounded is not None
-        ]
-        if rounded:
-            noise = replace(noise, rounded=joined(rounded), own=joined([x**-2.0 for x in rounded]))
-        new = self.with_bench(extra={}, under=under, alongside=alongside, fed=0.0)
-        return replace(new, log=read.log, inputs=read.inputs, noise=noise, there=read.there, whole=None)
 
     @property
     def lift(self) -> float:
@@ -400,7 +372,7 @@ def with_noise(trial: Trial, std: float, time: float, levels: tuple[Level, ...] 
     return trial.in_noise(trial.noise.at(std, time, levels, FLOOR * trial.scale))
 
 
-def _stated(log: Log, whole: Log) -> np.ndarray | None:
+def as_stated(log: Log, whole: Log) -> np.ndarray | None:
     """(n,) noise of each row over the median of the whole log's, as it states them; None where it states
     none."""
     return None if log.std is None else log.std / np.median(whole.std)
