@@ -25,7 +25,7 @@ tables     densities units textfile cells scattered stamps prose pieces preamble
            arrays arrow audio tdms jsonlines uff touchstone citi head
 columns    preset plan metadata signal mapping mapfile labels factors survey roles draft found unknown synonyms owntimes header
 demodulation  lockin switched carrier waveform
-logs       capture opening missing filled stated parted timed benchwords together within doubts copies log read alike taken written made
+logs       capture opening missing filled stated parted wrapped timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected mixed jitter extra rounds rounded residuals renew

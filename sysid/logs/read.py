@@ -29,6 +29,7 @@ from sysid.logs.stated import errors, read_errors, stated_in
 from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
+from sysid.logs.wrapped import unwrapped
 from sysid.tables import units
 from sysid.tables.cells import decimals, listed, to_number
 from sysid.tables.csvbody import Body, read_body
@@ -87,7 +88,7 @@ def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile |
     head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))
-    return head, mapping, *parted(head, plan, body, wanted, _dated(plan))
+    return head, mapping, *parted(head, *unwrapped(plan, body), wanted, _dated(plan))
 
 
 def _dated(plan: Plan) -> set[int]:
