@@ -20,7 +20,7 @@ kept
 precision
 shell
 shown
-tables     densities units textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
+tables     densities units ruled textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
            hdf matlab
            arrays arrow audio tdms jsonlines uff touchstone citi head
 columns    preset plan metadata signal mapping mapfile labels factors survey roles draft found unknown synonyms owntimes header

@@ -245,7 +245,7 @@ def _delimiter(header: str, row: str) -> str:
     cells = split_line(row, second)
     alike = len(cells) > 1 and len(split_line(header, second)) == len(cells)
     numbers = alike and all(is_number(cell) for cell in cells if cell.strip())
-    return second if first == "," and numbers else first
+    return second if (first == "," or second == "|") and numbers else first
 
 
 class _Above(NamedTuple):
