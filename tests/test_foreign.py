@@ -24,7 +24,9 @@ def step(stamps, name="time_us"):
 # A clock of 32 bits
 
 
-@pytest.mark.parametrize("name, scale, begin", [("time_us", 1, 0), ("time_ms", 1e-3, 0), ("time_s", 1e-6, -(2**31))])
+@pytest.mark.parametrize(
+    "name, scale, begin", [("time_us", 1, 0), ("time_ms", 1e-3, 0), ("time_s", 1e-6, -(2**31))]
+)
 @pytest.mark.parametrize("start", [2**32 - 2500, 3 * 2**31 - 1000])
 def test_a_counter_of_microseconds_goes_on_past_its_end(save, name, scale, begin, start):
     """As micros() is printed after 71.6 minutes, also as a number with a sign."""
@@ -85,14 +87,143 @@ def test_lines_are_counted_with_the_rules(save):
     assert refused(save(text)).args[0].count(f"line {text[: text.index('OL')].count(chr(10)) + 1}")
 
 
-@pytest.mark.parametrize("names, mark", [("f|x in um|y in um", "|"), ("Frequency, Hz|X, um|Y, um", "|"), ("f |X|/um phi/deg", " ")])
+@pytest.mark.parametrize(
+    "names, mark", [("f|x in um|y in um", "|"), ("Frequency, Hz|X, um|Y, um", "|"), ("f |X|/um phi/deg", " ")]
+)
 def test_a_bar_parts_cells_or_stands_for_a_magnitude(save, names, mark):
     text = refused(save(names + "\n" + rows(F, W.real, W.imag, mark=mark))).mapping
-    assert len(re.findall(r"^\w+ = \{ column", text, re.M)) == 3 and ('"|X|/um"' in text) == (mark == " "), text
+    assert len(re.findall(r"^\w+ = \{ column", text, re.M)) == 3 and ('"|X|/um"' in text) == (mark == " "), (
+        text
+    )
 
 
 def test_a_bar_within_a_cell_of_markdown(save):
-    text = r"| f/Hz | \|Z\|/ohm | phi/deg |" + "\n|---|---|---|\n" + "".join(
-        f"| {f} | {1e4 * abs(w)} | {np.degrees(np.angle(w))} |\n" for f, w in zip(F, W, strict=True)
+    text = (
+        r"| f/Hz | \|Z\|/ohm | phi/deg |"
+        + "\n|---|---|---|\n"
+        + "".join(
+            f"| {f} | {1e4 * abs(w)} | {np.degrees(np.angle(w))} |\n" for f, w in zip(F, W, strict=True)
+        )
     )
     assert 'magnitude = { column = "|Z|/ohm", unit = "ohm" }' in refused(save(text)).mapping
+
+
+# Circuit simulators
+
+
+def raw(values, names, flags, body, plot="AC Analysis"):
+    """The header of a plot and its body."""
+    kinds = {"frequency": "frequency", "time": "time"}
+    variables = "".join(f"\t{k}\t{name}\t{kinds.get(name, 'voltage')}\n" for k, name in enumerate(names))
+    head = f"Title: plate\nDate: Sun Mar 31 12:00:00 2024\nPlotname: {plot}\nFlags: {flags}\n"
+    return f"{head}No. Variables: {len(names)}\nNo. Points: {len(values)}\nVariables:\n{variables}{body}:\n"
+
+
+AC = np.column_stack([F, 50.0 + 0 * F, W]).astype(complex)
+TRAN = np.column_stack([TIME, DRIVE, STEP.real])
+LISTED = "".join(
+    f" {k}" + "".join(f"\t{x.real!r},{x.imag!r}\n" for x in row) + "\n" for k, row in enumerate(AC.tolist())
+)
+AC_HEAD = raw(AC, ("frequency", "v(in)", "v(out)"), "complex", "Values")
+MAP = """kind = "steady"
+columns.frequency = { column = "frequency [Hz]", unit = "Hz" }
+columns.voltage = { column = "v(in) re [V]", unit = "V" }
+columns.x = { column = "v(out) re [V]", unit = "V" }
+columns.y = { column = "v(out) im [V]", unit = "V" }
+amplitude = "peak"
+quantity = "velocity"
+phase_sign = 1
+"""
+RAW = {
+    "text": (AC_HEAD + LISTED).encode(),
+    "binary": AC_HEAD.replace("Values", "Binary").encode() + AC.tobytes(),
+    "LTspice": AC_HEAD.replace("Values", "Binary").encode("utf-16-le") + AC.tobytes(),
+    "after an operating point": raw([0], ("v(in)", "v(out)"), "real", "Values", "Operating Point").encode()
+    + b" 0\t0.0\n\t0.0\n\n" + (AC_HEAD + LISTED).encode(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", RAW)
+def test_a_sweep_of_a_circuit_simulator(save, form):
+    (log,) = read_logs(save(RAW[form], "plate.raw"), columns=save(MAP, "map.toml"))
+    assert log.frequency.tolist() == F.tolist() and log.drive.tolist() == [50.0] * 61
+    np.testing.assert_allclose(log.response, W / (2j * np.pi * F) * 1j, rtol=1e-12)
+
+
+@pytest.mark.parametrize("form", ["float32", "float64"])
+def test_a_transient_of_ltspice(save, form):
+    """Times are float64, negative where points were left out; the others float32, unless all are double."""
+    fields = [("t", "f8"), ("u", form), ("y", form)]
+    body = np.array([(-t if k % 3 else t, u, y) for k, (t, u, y) in enumerate(TRAN.tolist())], fields)
+    head = raw(TRAN, ("time", "V(in)", "V(out)"), "real forward", "Binary", "Transient Analysis")
+    text = 'columns.time = { column = "time [s]" , unit = "s" }\ncolumns.w = { column = "V(out) [V]", unit = "V" }\n'
+    text += 'columns.voltage = { column = "V(in) [V]", unit = "V" }\namplitude = "peak"\n'
+    (log,) = read_logs(
+        save(head.encode("utf-16-le") + body.tobytes(), "a.raw"), columns=save(text, "map.toml")
+    )
+    np.testing.assert_allclose(log.time, TIME, rtol=1e-15)
+    np.testing.assert_allclose(log.response, STEP.real, atol=1e-7)
+    assert log.drive.tolist() == DRIVE.tolist()
+
+
+def test_steps_of_a_raw_file_are_experiments(save):
+    twice = np.concatenate([AC, AC * [1, 1, 0.5]])
+    head = AC_HEAD.replace("Points: 61", "Points: 122").replace("Values", "Binary")
+    logs = read_logs(
+        save(head.encode() + twice.tobytes(), "a.raw"), columns=save(MAP + 'split_by = "log"\n', "map.toml")
+    )
+    assert [log.name for log in logs] == ["a.raw[AC Analysis 1]", "a.raw[AC Analysis 2]"]
+    np.testing.assert_allclose(logs[1].response, logs[0].response / 2)
+
+
+@pytest.mark.parametrize("form, change, said", [
+    ("binary", lambda raw: raw[:-8], "was the file written to its end"),
+    ("text", lambda raw: raw[:-40], "was the file written to its end"),
+    ("text", lambda raw: raw.replace(b"No. Points: 61", b"No. Points: x"), "No. Points 'x'"),
+    ("text", lambda raw: raw.replace(b"Values:", b"values"), "expected its values"),
+])  # fmt: skip
+def test_damaged_raw_files(save, form, change, said):
+    refused(save(change(RAW[form]), "plate.raw"), "plate.raw", said)
+
+
+# Lines of InfluxDB
+
+
+def lines(stamp="{ns}", tags="plate=A7,run=1", apart=False, response=STEP):
+    text = ""
+    for k, (u, y) in enumerate(zip(DRIVE.tolist(), response.tolist(), strict=True)):
+        at = stamp.format(
+            ns=1711886400000000000 + 100000 * k, us=1711886400000000 + 100 * k, s=1711886400 + k
+        )
+        fields = [f"voltage_V={u:.0f}i", f"wd_um={y.real!r}", f"wq_um={y.imag!r}", 'state="on, or off"']
+        text += "".join(
+            f"lock\\ in,{tags} {part} {at}\n" for part in (fields if apart else [",".join(fields)])
+        )
+    return text
+
+
+@pytest.mark.parametrize("apart", [False, True])
+@pytest.mark.parametrize("unit", ["ns", "us", "s"])
+def test_lines_of_influx(save, unit, apart):
+    (log,) = read_logs(save("# DML\n" * apart + lines(f"{{{unit}}}", apart=apart), "export.lp"))
+    np.testing.assert_allclose(log.time, TIME * (1e4 if unit == "s" else 1), rtol=1e-12)
+    assert log.drive.tolist() == DRIVE.tolist() and log.response.tolist() == STEP.tolist()
+
+
+def test_series_of_influx_are_experiments(save):
+    logs = read_logs(save(lines() + lines(tags="plate=A7,run=2", response=2 * STEP)))
+    assert [log.name for log in logs] == [
+        "log.csv[lock\\ in,plate=A7,run=1]",
+        "log.csv[lock\\ in,plate=A7,run=2]",
+    ]
+    assert logs[1].response.tolist() == (2 * STEP).tolist()
+
+
+@pytest.mark.parametrize("line, said", [
+    ("lock\\ in,plate=A7,run=1 wd_um=1 1711886400005900000", "again"),
+    ("lock\\ in,plate=A7,run=1 wd_um=1 17118864", "a time since 1970"),
+    ("lock\\ in,plate=A7,run=1 wd_um= 1711886400005900000", "expected a measurement"),
+    ("lock\\ in,plate=A7,run=1 wd_um=1 1711886500", "ns and s"),
+])  # fmt: skip
+def test_odd_lines_of_influx(save, line, said):
+    refused(save(lines() + line), "log.csv", said)

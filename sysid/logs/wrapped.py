@@ -1,5 +1,5 @@
-"""A clock of 32 bits that begins anew at its end, as the micros() of a microcontroller does after 71.6 minutes:
-its time goes on."""
+"""A clock of 32 bits that begins anew at its end, as a microcontroller's micros() after 71.6 minutes: its
+time goes on."""
 
 import dataclasses
 
@@ -10,7 +10,9 @@ from sysid.tables.csvbody import Body
 
 TURN = 2.0**32  # ticks
 TICKS = (1.0, 1e-3, 1e-6)  # a tick in the column's own unit: of micros() in us, in ms, in s
-LONGER = 2.0  # than all other steps, which the one across the end may be: by chance one in a million is as short
+LONGER = (
+    2.0  # than all other steps, which the one across the end may be: by chance one in a million is as short
+)
 
 
 def unwrapped(plan: Plan, body: Body) -> tuple[Plan, Body]:
@@ -25,7 +27,7 @@ def unwrapped(plan: Plan, body: Body) -> tuple[Plan, Body]:
     back = steps < 0
     longest = LONGER * steps.max(initial=0.0)
     ends = [TURN * tick for tick in TICKS if back.any()]
-    turn = next((end for end in ends if ((0 < (on := steps[back] + end)) & (on <= longest)).all()), None)
+    turn = next((end for end in ends if (((on := steps[back] + end) > 0) & (on <= longest)).all()), None)
     if turn is None:
         return plan, body
     turns = np.zeros(len(time))

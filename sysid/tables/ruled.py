@@ -1,5 +1,6 @@
-"""Tables that are drawn: bars between the cells and around them, lines of dashes between the rows, as databases,
-Markdown and reStructuredText have them. Their bytes without what is drawn, a row a line as it stood."""
+"""Tables that are drawn: bars between the cells and around them, lines of dashes between the rows, as
+databases, Markdown and reStructuredText have them. Their bytes without what is drawn,
+a row a line as it stood."""
 
 import re
 
@@ -12,7 +13,9 @@ _RULE = re.compile(rb"^(?=[^\n]*(?:--|==|:-|-:))(?=[^\n]*[|+])[|+=: \t-]+\r?$", 
 _BELOW_NAMES = re.compile(rb"(?<=\n)[ \t]*[-=]{2,}(?:[ \t]+[-=]{2,})+[ \t]*\r?(?=\n[ \t]*[-+.\d])")
 _AROUND = re.compile(rb"^[ \t]*\|(.*?)\|?[ \t]*\r?$", re.MULTILINE)
 _ROWS = re.compile(rb"^\|[^\n]+\|[ \t]*\r?\n\|[ \t]*[-+.]?\d[^\n]*\|[ \t]*\r?$", re.MULTILINE)
-_ESCAPED = re.compile(rb"(?<=\|)((?:[^|\n\\]|\\.)*\\\|(?:[^|\n\\]|\\.)*)(?=\|)")  # a cell with a bar of its own
+_ESCAPED = re.compile(
+    rb"(?<=\|)((?:[^|\n\\]|\\.)*\\\|(?:[^|\n\\]|\\.)*)(?=\|)"
+)  # a cell with a bar of its own
 
 
 def is_ruled(text: bytes) -> bool:
