@@ -227,3 +227,73 @@ def test_series_of_influx_are_experiments(save):
 ])  # fmt: skip
 def test_odd_lines_of_influx(save, line, said):
     refused(save(lines() + line), "log.csv", said)
+
+
+# Sweeps side by side
+
+TWO = [(F, W), (F + 7.0, 0.5 * W)]
+BESIDE = {
+    "counted": "frequency{}_Hz,wd{}_um,wq{}_um",
+    "counted at the end": "frequency_Hz_{},wd_um_{},wq_um_{}",
+    "counted behind a point": "Frequency (Hz).{},wd_um.{},wq_um.{}",
+    "at temperatures": "frequency_Hz {}0C,wd_um {}0C,wq_um {}0C",
+    "at drives": "frequency_Hz @{}V,wd_um @{}V,wq_um @{}V",
+    "in groups": "frequency_Hz,wd_um,wq_um",
+}
+
+
+def beside(form, sweeps=TWO, mark=","):
+    names = [form.format(*[k] * form.count("{")) for k in range(1, len(sweeps) + 1)]
+    return ",".join(names) + "\n" + rows(*(x for f, w in sweeps for x in (f, w.real, w.imag)))
+
+
+@pytest.mark.parametrize("form", BESIDE)
+def test_sweeps_side_by_side(save, form):
+    above = "10 °C,,,20 °C,,\n" if form == "in groups" else ""
+    logs = read_logs(save(above + beside(BESIDE[form])))
+    for log, (f, w) in zip(logs, TWO, strict=True):
+        assert log.frequency.tolist() == f.tolist() and log.response.tolist() == w.tolist()
+        assert "2 sweeps side by side" in " ".join(log.notes)
+    stated = [{10.0}, {20.0}] if form in ("in groups", "at temperatures") else [set(), set()]
+    assert [set() if log.temperature is None else {*log.temperature} for log in logs] == stated
+
+
+def test_sweeps_over_one_frequency(save):
+    text = "frequency_Hz,w_um (293.15 K),w_um (303.15 K),voltage_V\n" + rows(
+        F, abs(W), 2 * abs(W), 50 + 0 * F
+    )
+    logs = read_logs(save(text))
+    assert [{*log.temperature} for log in logs] == [{20.0}, {30.0}] and {*logs[0].drive} == {50.0}
+    assert logs[1].response.tolist() == (2 * abs(W)).tolist()
+
+
+def test_a_shorter_sweep_ends_above_the_others_and_a_bad_cell_is_named(save):
+    lines = beside(BESIDE["counted"]).splitlines()
+    text = "\n".join(lines[:40] + [line[: len(",".join(line.split(",")[:3]))] + ",,," for line in lines[40:]])
+    logs = read_logs(save(text))
+    assert [len(log) for log in logs] == [61, 39]
+    refused(save(text.replace(repr(W.real[5].item()), "OL", 1)), "line 7, sweep 1", "'OL'")
+
+
+@pytest.mark.parametrize(
+    "names", ["f_Hz,X1_V,Y1_V,X2_V,Y2_V", "time_s,f1_Hz,X1_V,f2_Hz,X2_V", "f_Hz,S11,S21,S12,S22"]
+)
+def test_channels_are_no_sweeps(save, names):
+    text = refused(save(names + "\n" + rows(F, W.real, W.imag, W.real, W.imag))).mapping
+    assert "split_by" not in text
+
+
+def test_a_mapping_file_may_take_one_of_the_sweeps(save):
+    text = beside("f{} [Hz],X{} [um],Y{} [um]")
+    told = 'kind="steady"\namplitude="peak"\nquantity="displacement"\nphase_sign=1\n[columns]\n'
+    form = "frequency = {{ column = {} }}\nx = {{ column = {} }}\ny = {{ column = {} }}\n"
+    whole, one, third = [told + form.format(*of) for of in (
+        ('"f [Hz]"', '"X [um]"', '"Y [um]"'), ('"f2 [Hz]"', '"X2 [um]"', '"Y2 [um]"'), ("3", "4", "5"))]  # fmt: skip
+    path = save(text)
+    assert [
+        len(log)
+        for log in read_logs(path, columns=save(whole.replace("[col", 'split_by = "log"\n[col'), "a.toml"))
+    ] == [61, 61]
+    for form in (one, third):
+        (log,) = read_logs(path, columns=save(form, "b.toml"))
+        assert log.frequency.tolist() == (F + 7).tolist()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.columns.abreast import stacked
 from sysid.columns.header import INPUTS, counted, planned, table_plan
 from sysid.columns.mapfile import load_mapping
 from sysid.columns.mapping import MappingFile, select_rows
@@ -84,7 +85,8 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
 
 def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
     """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
-    head = widened(head, mapping.called() if mapping else ())
+    named = mapping.called() if mapping else ()
+    head = stacked(widened(head, named), named)
     head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))
