@@ -93,6 +93,7 @@ _PLAIN = (
 _POWERS = {"n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
 LONGEST = 60  # characters in a unit
+_STRANGE = re.compile(r"[^\w\s*/^.,()%‰°√·⋅−+-]")  # of V~, an rms perhaps: the library leaves them out
 _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would work out
 _CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, a farad
 _ALIASES = {
@@ -341,7 +342,7 @@ def _power(unit: str, to: str) -> int | None:
 @functools.cache
 def _parse(unit: str) -> Any:
     """The unit as pint's object, or None when pint does not know it."""
-    if not (unit.isprintable() and 0 < len(unit) <= LONGEST) or _TOWER.search(unit):
+    if not (unit.isprintable() and 0 < len(unit) <= LONGEST) or _TOWER.search(unit) or _STRANGE.search(unit):
         return None
     try:
         parsed = _registry().parse_units(_ALIASES.get(unit) or short(unit))
