@@ -36,6 +36,7 @@ from sysid.tables.stamps import EXAMPLE, is_local
 
 INPUTS = ("time", "frequency", "temperature", "force")
 WHOLE = ("wd", "wq", "w", "response")
+PASSING = 9  # steps that all go up: of a column in no order one in 10! does
 VOLTS = re.compile(r"[numk]?V")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
 # what counts the rows of an even sampling; "": the index that pandas writes, which has no name
@@ -249,17 +250,22 @@ def _column(label: str) -> str:
 
 
 def _passing(head: Head, labels: Collection[str]) -> str | None:
-    """The column that is called a time, without a unit of one, or has no name, and goes up in the first rows;
-    None where there is none."""
-    rising = (
-        label
-        for label in sorted(labels, key=is_called_time, reverse=True)
-        if (is_called_time(label) or not label.strip())
-        and (first := _first_numbers(head, label))
-        and first[-1] > first[0]
-        and all(after >= before for before, after in pairwise(first))
-    )
-    return next(rising, None)
+    """The column that may be a time: one that goes up in the first rows, and is called so, without a unit, or
+    has no name, or goes up in each of them and has no unit; or one of dates. None where there is none."""
+    for label in sorted(labels, key=is_called_time, reverse=True):
+        steps = [after - before for before, after in pairwise(_first_numbers(head, label))]
+        called = is_called_time(label) or not label.strip()
+        bare = len(steps) >= PASSING and not units.is_known(units.split_unit(label)[1])
+        up = bool(steps) and sum(steps) > 0 and min(steps) >= 0
+        if (up and (called or (bare and min(steps) > 0))) or _holds_dates(head, label):
+            return label
+    return None
+
+
+def _holds_dates(head: Head, label: str) -> bool:
+    """Whether a column holds dates, or times of day, that are not all the same."""
+    column = head.names.index(label)
+    return head.dated(column) and len({row[column] for row in head.sample if column < len(row)}) > 1
 
 
 def _first_numbers(head: Head, label: str) -> list[float]:
@@ -288,7 +294,8 @@ def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str,
         way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
     elif passing is not None:
         called = f"a column {passing!r}" if passing.strip() else "a column without a name"
-        found = f"{called} that goes up and states no unit of time"
+        states = "states no unit of time" if is_called_time(passing) or not passing.strip() else "may be one"
+        found = f"{called} that goes up and {states}"
         way = (
             f"call it {_with_unit_of_time(passing)}, or whatever its unit is, give the unit in a mapping file"
             f" (--columns), {steady}"

@@ -149,6 +149,12 @@ def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> boo
     return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
 
 
+def numbers_columns(line: str, dialect: Dialect) -> bool:
+    """Whether a line numbers three columns or more, from 0 or 1 on."""
+    cells = _cells(line, dialect.delimiter or find_delimiter(line))
+    return len(cells) > 2 and any(cells == [str(k + first) for k in range(len(cells))] for first in (0, 1))
+
+
 def is_own_header(line: str, dialect: Dialect) -> bool:
     """Whether all cells of a line that hold something are names of a log's columns with their units."""
     cells = _cells(line, dialect.delimiter or find_delimiter(line))

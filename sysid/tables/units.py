@@ -107,7 +107,9 @@ _FULL = {
     "newton": "N",
     "ampere": "A", "coulomb": "C", "kelvin": "K", "celsius": "degC", "fahrenheit": "degF", "radian": "rad",
     "percent": "%",
-    "minute": "min", "hour": "h", "degree": "deg", "deg": "deg",
+    "sekunde": "s", "sekunden": "s", "seconde": "s", "segundo": "s", "secondo": "s", "secondi": "s",
+    "minute": "min", "minuten": "min", "hour": "h", "stunde": "h", "stunden": "h", "degree": "deg",
+    "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
 _CYRILLIC = {
