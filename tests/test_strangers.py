@@ -161,3 +161,51 @@ def test_numbers_of_the_columns_below_their_names_are_no_row(save, first):
         save(f"{names}\n{first},{first + 1},{first + 2}\n{rows}".replace(repr(STEP[20].item()), "OL")),
         "line 23",
     )
+
+
+# Amplitudes
+
+PEAKS = {
+    0.5**0.5: ["voltage_rms_V", "Voltage (rms) [V]", "Voltage [V] (rms)", "Voltage [V] eff", "u_rms_V"]
+    + ["Spannung eff. [V]", "Tension efficace [V]", "Tensión eficaz (V)"],
+    2.0: ["voltage_pp_V", "Voltage peak-peak [V]", "Voltage [V] (p-p)", "Spannung Spitze-Spitze [V]"]
+    + ["Tension crête à crête [V]", "Tensión pico a pico (V)"],
+    1.0: ["voltage_peak_V", "Voltage (0-p) [V]"],
+}
+
+
+@pytest.mark.parametrize(
+    "factor, head", [(factor, head) for factor, heads in PEAKS.items() for head in heads]
+)
+def test_what_a_head_says_of_its_amplitude(save, head, factor):
+    """The column was left out, and the note said to call it voltage_V."""
+    text = f"frequency_Hz;wd_um;wq_um;{head}\n" + "".join(
+        f"{f};{w.real};{w.imag};{50 * factor!r}\n" for f, w in zip(F, 1j * S, strict=True)
+    )
+    (log,) = read_logs(save(text))
+    np.testing.assert_allclose(log.drive, 50.0, rtol=1e-12)
+
+
+def test_what_to_call_a_column_keeps_its_amplitude(save):
+    (log,) = read_logs(save(table("frequency_Hz,wd_um,wq_um,Uss [V]", F, X, Y, LEVEL + 100)))
+    assert log.drive is None and any("call it voltage_V_pp" in note for note in log.notes)
+
+
+@pytest.mark.parametrize("name", ["Upp [V]", "Urms [V]", "Vrms", "Vpp (V)"])
+def test_a_letter_and_its_amplitude_are_the_drive(save, name):
+    text = draft_of(save(table(f"f (Hz),X (um),Y (um),{name}", F, X, Y, LEVEL + 100)))
+    assert f'\nvoltage = {{ column = "{name}"' in text
+    text = draft_of(save(table(f"frequency_Hz,{name},phase_deg,voltage_V", F, abs(S), X, LEVEL + 100)))
+    assert '\nvoltage = { column = "voltage_V"' in text
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_heads_of_several_lines(save, end):
+    """As a spreadsheet writes them; the first line alone was the header."""
+    head = '"Frequency\n(Hz)","wd\n(um)","wq\n(um)","Voltage\n(V rms)"\n'.replace("\n", end)
+    body = table("-", F, X, Y, LEVEL + 50).partition("\n")[2].replace("\n", end)
+    (log,) = read_logs(save(b"\xef\xbb\xbf" + (head + body).encode()))
+    assert log.frequency.tolist() == F.tolist() and log.drive[0] == pytest.approx(50 * 2**0.5)
+    cells = (head + body).split(end)
+    cells[9] = cells[9].replace(",", ",x", 1)
+    refused(save(end.join(cells)), "line 10")

@@ -257,15 +257,11 @@ def _passing(head: Head, labels: Collection[str]) -> str | None:
         called = is_called_time(label) or not label.strip()
         bare = len(steps) >= PASSING and not units.is_known(units.split_unit(label)[1])
         up = bool(steps) and sum(steps) > 0 and min(steps) >= 0
-        if (up and (called or (bare and min(steps) > 0))) or _holds_dates(head, label):
+        column = head.names.index(label)
+        dates = {tuple(row[column : column + 1]) for row in head.sample if head.dated(column)}
+        if (up and (called or (bare and min(steps) > 0))) or len(dates) > 1:
             return label
     return None
-
-
-def _holds_dates(head: Head, label: str) -> bool:
-    """Whether a column holds dates, or times of day, that are not all the same."""
-    column = head.names.index(label)
-    return head.dated(column) and len({row[column] for row in head.sample if column < len(row)}) > 1
 
 
 def _first_numbers(head: Head, label: str) -> list[float]:
@@ -286,27 +282,27 @@ def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
 def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str, ...]:
     """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
     ways to say it. Empty of any other rows."""
-    steady = "or `# kind: steady` of settled points"
+    if (label := passing if counter is None else counter) is None:
+        return ()
+    called = f"a column {label!r}" if label.strip() else "a column without a name"
     if counter is not None:
-        found = (
-            f"a column {counter!r} that counts the rows" if counter.strip() else "a column that counts them"
-        )
-        way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
-    elif passing is not None:
-        called = f"a column {passing!r}" if passing.strip() else "a column without a name"
-        states = "states no unit of time" if is_called_time(passing) or not passing.strip() else "may be one"
-        found = f"{called} that goes up and {states}"
-        way = (
-            f"call it {_with_unit_of_time(passing)}, or whatever its unit is, give the unit in a mapping file"
-            f" (--columns), {steady}"
+        found, way = (
+            f"{called} that counts the rows",
+            "state `# sample_rate_Hz: 10000`, say, above the header",
         )
     else:
-        return ()
+        states = "states no unit of time" if is_called_time(label) or not label.strip() else "may be one"
+        found, unit = (
+            f"{called} that goes up and {states}",
+            "whatever its unit is, give the unit in a mapping file",
+        )
+        way = f"call it {_with_unit_of_time(label)}, or {unit} (--columns)"
+    way += ", or `# kind: steady` of settled points"
     return (f"{head.name}: found no time, and {found}, taken as settled points; {way}",)
 
 
 def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> list[str]:
-    """A note on each column that is not read; one on all of them where there are many."""
+    """A note on each column that is not read; on all of them where there are many."""
     if len(labels) > SHOWN:
         return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
     each = []
@@ -328,7 +324,8 @@ def _why_no_drive(label: str, sources: Mapping[str, Source]) -> str:
     unit = units.split_amplitude(units.split_unit(label)[1])[0]
     sensed = any(VOLTS.fullmatch(source.unit) for name, source in sources.items() if name in WHOLE)
     open_ = VOLTS.fullmatch(unit) and not sensed and is_absent("voltage", sources)
-    return f"; if it is the drive, call it voltage_{unit}" if open_ else ""
+    stated = parse(label).amplitude
+    return f"; if it is the drive, call it voltage_{unit}{stated and '_'}{stated}" if open_ else ""
 
 
 def _why_no_time(head: Head, label: str) -> str:

@@ -234,6 +234,7 @@ def parse(text: str) -> Label:
     rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
     apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
     words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", folded(apart)) if word]
+    words = [re.sub(r"^([uv])(rms|pp|eff|ss)$", r"\1", word) for word in words if word != "vss"]  # a supply
     parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
     unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")
     unit = unit or ("dB" if "db" in parts else "")  # db:Trc1_S21
@@ -245,7 +246,7 @@ def parse(text: str) -> Label:
 
 def _stated(head: str) -> str:
     """What a word of a head says of its amplitude: of Vrms "rms", of Upp "pp"; of `peak` alone ""."""
-    plain = re.sub(r"(pk|peak)[- _]to[- _]\1", "pp", head, flags=re.IGNORECASE)
+    plain = re.sub(r"(pk|peak|pico|cr[eê]te)[- _](to|a|à)[- _]\1", "pp", head, flags=re.IGNORECASE)
     for word in re.split(r"[\s\[(){}\],;:_]+", re.sub(r"^vss\b", "", plain, flags=re.IGNORECASE)):  # a supply
         of, stated = units.split_amplitude(word)
         if stated and (len(of) < 4 or is_decibel(of) or per_drive(of)) and word.casefold() != "peak":

@@ -260,11 +260,14 @@ def _named(columns: Columns) -> dict[str, list[int]]:
 
 
 def _meant(columns: Columns, name: str, found: Mapping[str, list[int]]) -> list[int]:
-    """The columns of a name that may be meant by it, what was asked for behind what there was. A voltage may
-    be the drive whatever it is called where nothing is swept: a motor has no other than its supply."""
+    """The columns of a name that may be meant by it, those called so by a log's names first, and what was
+    asked for behind what there was. A voltage may be the drive whatever it is called where nothing is swept:
+    of a motor it is the supply."""
     words = {k: {*columns.labels[k].words} for k in found[name]}
     spare = NOT_MEANT.get(name, set()) if "frequency" in found or name != "voltage" else set()
-    return sorted((k for k in words if not words[k] & spare), key=lambda k: bool(words[k] & SECOND))
+    own = {k: (said := units.parse_name(columns.head.names[k])) and said.quantity == name for k in words}
+    meant = [k for k in words if not words[k] & spare]
+    return sorted(meant, key=lambda k: (not own[k], bool(words[k] & SECOND)))
 
 
 def _name(label: Label, ratio: str, found: Mapping[str, list[int]], moving: bool) -> str:

@@ -40,6 +40,9 @@ FOREIGN = {
 NEAR = 1 << 16  # bytes in which a file that is one long line to others shows what ends its lines
 # A time that a serial monitor writes before each line that it receives.
 _RECEIVED = re.compile(rb"^(\d\d:\d\d:\d\d\.\d{3}) -> ", re.MULTILINE)
+# The names of columns on the first line, with lines of their own in quotes; no comment that holds a quote.
+_CELL = rb'(?:"[^"]{1,200}"|[^",;\t\r\n]*)'
+_HEADER = re.compile(rb"(?![#%!])" + _CELL + rb"(?:[,;\t]" + _CELL + rb")*(?=\r?\n)")
 
 
 class LogError(ValueError):
@@ -80,7 +83,8 @@ def open_text(path: str) -> BinaryIO:
         return _from_utf16(path)
     opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), None)
     returns = b"\r" in first and b"\n" not in first
-    if opener is None and (returns or _RECEIVED.match(first) or is_ruled(first)):
+    broken = first.partition(b"\n")[0].count(b'"') % 2 == 1
+    if opener is None and (returns or broken or _RECEIVED.match(first) or is_ruled(first)):
         return _from_lines(path)
     return (opener or open)(path, "rb")
 
@@ -104,7 +108,8 @@ def _from_utf16(path: str) -> BinaryIO:
 
 def _from_lines(path: str) -> BinaryIO:
     """The text with line feeds where it has carriage returns alone, of a Macintosh, the times of a serial
-    monitor as a column, and without what is drawn around cells; whole in memory."""
+    monitor as a column, a header whose cells have lines of their own on the last of them, and without what is
+    drawn around cells; whole in memory."""
     with open(path, "rb") as file:
         text = file.read()
     text = text if b"\n" in text else text.replace(b"\r", b"\n")
@@ -114,6 +119,9 @@ def _from_lines(path: str) -> BinaryIO:
         text = _RECEIVED.sub(rb"\1" + mark, text)
         if re.search(rb"[A-Za-z]", _RECEIVED.sub(b"", first)):
             text = b"timestamp" + text[text.index(mark) :]
+    header = _HEADER.match(text := text.removeprefix(codecs.BOM_UTF8))
+    if header and (lines := header[0].count(b"\n")):
+        text = b"\n" * lines + re.sub(rb"\s*\n\s*", b" ", header[0]) + text[header.end() :]
     return io.BytesIO(unruled(text) if is_ruled(text[:NEAR]) else text)
 
 

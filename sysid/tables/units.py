@@ -120,16 +120,24 @@ _OHM = re.compile(
     r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)"
 )  # the last two: a capital omega, and the sign of the ohm
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
-_BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak|p-p|pk-?pk|pk)?", re.I)
 # f/Hz, a table's head by ISO 80000: a quantity over its unit; f, Hz as Russian has it
 _QUOTIENT = re.compile(r"([^/_,]*[^/_,\s])(?:\s*/\s*|,\s+)(\S.*)")
 _PART = re.compile(r"([wW])_([dDqQ])(?=[_\s\[(])")  # W_d (um), w_q_um
 _IN = re.compile(r"(|.*\S)[\s_]+in\s+(\S.*)")  # Zeit in s; of R&S also "in s" alone, or below a name
 # Of Veff and Vss (Spitze-Spitze); behind other letters they end a word, and w_ss is the steady state.
-_WORD = r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff|(?<=(?-i:[VAm]))ss"
+_WORD = (
+    r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff\.?|(?<=(?-i:[VAmU]))ss"
+    r"|peak[ -](?:to[ -])?peak|spitze-spitze|cr[eê]te [aà] cr[eê]te|pico a pico|picco-picco"
+    r"|efficace|eficaz|effektiv"
+)
+_BRACKETS = re.compile(
+    rf"([^\[(]*?)[\s_]*(?:[\[(]({_WORD})[\])])?\s*[\[(]\s*([^\])]*?)\s*[\])][\s_]*[\[(]?({_WORD})?[\])]?",
+    re.I,
+)
+_BEFORE = re.compile(rf"({_WORD})_([^_]+)", re.I)  # rms_V of voltage_rms_V
 _AMPLITUDE = re.compile(rf"(?P<unit>.*?)[\s_]*(?P<amplitude>{_WORD})", re.I)
-_PEAKS = {"pk": "peak", "0-p": "peak", "0p": "peak", "eff": "rms"}
-_PEAKS |= dict.fromkeys(("pkpk", "pk-pk", "p-p", "ss"), "pp")
+_PEAKS = {"pk": "peak", "0-p": "peak", "0p": "peak"}
+_PEAKS |= dict.fromkeys(("eff", "eff.", "efficace", "eficaz", "effektiv"), "rms")
 
 
 class Name(NamedTuple):
@@ -191,12 +199,14 @@ def split_unit(label: str) -> tuple[str, str, str]:
     label = _PART.sub(r"\1\2", plain(label.strip()), count=1)
     if found := _BRACKETS.fullmatch(label):
         name, stated = (found[1], "") if found[1] == "Vss" else split_amplitude(found[1])  # a supply
-        return name, found[2], _in_words(found[3] or stated)
+        return name, found[3], _in_words(found[4] or found[2] or stated)
     if apart := level_at_end(label) or split_in(label):
         return *apart, ""
     if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
         return found[1], found[2], ""
     name, _, rest = label.partition("_")
+    if found := _BEFORE.fullmatch(rest):
+        return name, found[2], _in_words(found[1])
     if "_" in split_amplitude(rest)[0]:
         return label, "", ""
     return name, rest.strip(), ""
@@ -215,7 +225,8 @@ def split_amplitude(unit: str) -> tuple[str, str]:
 
 
 def _in_words(amplitude: str) -> str:
-    return _PEAKS.get(amplitude.lower(), amplitude.lower())
+    word = amplitude.lower()
+    return _PEAKS.get(word, word if word in ("", *PEAK) else "pp")
 
 
 def short(unit: str) -> str:
