@@ -209,3 +209,14 @@ def test_heads_of_several_lines(save, end):
     cells = (head + body).split(end)
     cells[9] = cells[9].replace(",", ",x", 1)
     refused(save(end.join(cells)), "line 10")
+
+
+@pytest.mark.parametrize("unit", ["℃", "deg C", "° C", "ºC", "oC", "Deg. C", "degrees C", "°C", "DEGC"])
+def test_degrees_however_they_are_written(save, unit):
+    text = table(f"frequency_Hz,wd_um,wq_um,temperature ({unit})", F, X, Y, LEVEL + 24)
+    assert {*read_logs(save(text))[0].temperature} == {24.0}
+    text = draft_of(save(table(f"f (Hz),X (um),Y (um),T ({unit})", F, X, Y, LEVEL + 24)))
+    assert (
+        'temperature = { column = "T (' in text
+        and 'unit = "?"' not in text.partition("temperature =")[2].split("\n")[0]
+    )

@@ -31,7 +31,7 @@ def unruled(text: bytes) -> bytes:
     text = _RULE.sub(b"", _plain_signs(text))
     if found := _BELOW_NAMES.search(text):
         text = re.sub(rb"(?m)^" + re.escape(found[0]) + rb"$", b"", text)
-    return _AROUND.sub(rb"\1", _ESCAPED.sub(_quoted, text))
+    return _AROUND.sub(rb"\1", _ESCAPED.sub(_quoted, text) if rb"\|" in text else text)
 
 
 def _plain_signs(text: bytes) -> bytes:

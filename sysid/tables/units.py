@@ -112,6 +112,7 @@ _FULL = {
     "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
+_DEGREES = re.compile(r"(?:deg(?:rees?)?\.?|[°º˚o])\s*([CF])", re.IGNORECASE)  # deg C, ° C, ºC, oC
 _CYRILLIC = {
     "гц": "Hz", "кгц": "kHz", "мгц": "MHz", "град": "deg", "рад": "rad", "дб": "dB", "в": "V", "мв": "mV",
     "с": "s", "мс": "ms", "мкс": "us", "м": "m", "мм": "mm", "мкм": "um", "нм": "nm", "ом": "ohm",
@@ -234,6 +235,8 @@ def short(unit: str) -> str:
     is."""
     if known := _CYRILLIC.get(unit.casefold()):
         return known
+    if unit not in _ALIASES and (found := _DEGREES.fullmatch(unit.translate({0x2103: "°C", 0x2109: "°F"}))):
+        return f"deg{found[1].upper()}"  # of the signs for both, too
     if ohm := _OHM.fullmatch(unit):
         return f"{ohm[1]}ohm"
     found = _WRITTEN.fullmatch(unit)
