@@ -223,6 +223,8 @@ def test_series_of_influx_are_experiments(save):
     ("lock\\ in,plate=A7,run=1 wd_um=1 1711886400005900000", "again"),
     ("lock\\ in,plate=A7,run=1 wd_um=1 17118864", "a time since 1970"),
     ("lock\\ in,plate=A7,run=1 wd_um= 1711886400005900000", "expected a measurement"),
+    ("lock\\ in,plate=A7,run=1 wd_um=0.5.5 1711886400005900000", "expected a measurement"),
+    ("lock\\ in,plate=A7,run=1 wd_um=OL 1711886400005900000", "expected a measurement"),
     ("lock\\ in,plate=A7,run=1 wd_um=1 1711886500", "ns and s"),
 ])  # fmt: skip
 def test_odd_lines_of_influx(save, line, said):

@@ -10,12 +10,12 @@ from sysid.tables.store import Store
 from sysid.tables.textfile import LogError, open_text, read_line
 
 _NAME = r"(?:[^,= \\]|\\.)+"
-_VALUE = r'(?:"(?:[^"\\]|\\.)*"|[^,"\s]+)'
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?[iu]?"
+_VALUE = rf'(?:"(?:[^"\\]|\\.)*"|{_NUMBER}|[tT](?:rue)?|[fF](?:alse)?|TRUE|FALSE)'
 _LINE = re.compile(
     rf"((?:[^, \\]|\\.)+(?:,{_NAME}={_NAME})*) +({_NAME}={_VALUE}(?:,{_NAME}={_VALUE})*)(?: +(-?\d+))?"
 )
 _FIELD = re.compile(rf"({_NAME})=({_VALUE})")
-_NUMBER = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)[iu]?")
 _DIGITS = {10: "s", 13: "ms", 16: "us", 19: "ns"}  # of a time since 1970, from 2001 until 2286
 
 
@@ -70,5 +70,4 @@ def _lines(path: str) -> Iterator[tuple[int, str]]:
 
 def _number(value: str) -> float:
     """A value as a number, of integers without their mark; NaN of texts and truths."""
-    found = _NUMBER.fullmatch(value)
-    return float(found[1]) if found else np.nan
+    return np.nan if value[0] in '"tTfF' else float(value.rstrip("iu"))
