@@ -269,6 +269,16 @@ def test_sweeps_over_one_frequency(save):
     assert logs[1].response.tolist() == (2 * abs(W)).tolist()
 
 
+@pytest.mark.parametrize("form", ["w_{0}_um", "{0} w (um)", "w [um] ({0})"])
+@pytest.mark.parametrize("pair", [("up", "down"), ("Forward", "Backward"), ("hin", "rück")])
+def test_sweeps_up_and_down(save, form, pair):
+    """The first of them alone was drafted."""
+    text = f"frequency_Hz,{','.join(form.format(word) for word in pair)},voltage_V\n"
+    logs = read_logs(save(text + rows(F, abs(W), 2 * abs(W), 50 + 0 * F)))
+    assert [log.name for log in logs] == [f"log.csv[{word}]" for word in pair]
+    assert [log.response.tolist() for log in logs] == [abs(W).tolist(), (2 * abs(W)).tolist()]
+
+
 def test_a_shorter_sweep_ends_above_the_others_and_a_bad_cell_is_named(save):
     lines = beside(BESIDE["counted"]).splitlines()
     text = "\n".join(lines[:40] + [line[: len(",".join(line.split(",")[:3]))] + ",,," for line in lines[40:]])

@@ -21,6 +21,11 @@ from sysid.tables.sheet import Sheet
 _AMOUNT = re.compile(
     r"(?:^|[\s_@,;:=-]+|\s*[(\[]\s*)(-?\d+(?:[.,]\d+)?(?: ?(?:°|deg ?)?[CFK]|[mk]?V\w*))\b[)\]]?"
 )
+# R_up beside R_down: of a sweep's direction
+_DIRECTION = re.compile(
+    r"(?:^|[\s_.(\[-]+)(up|down|fwd|bwd|rev|forward|backward|reverse|auf|ab|hin|rück)(?![^\W_])[)\]]?",
+    re.IGNORECASE,
+)
 _NUMBER = re.compile(r"[\s_.#]*(?<![\d^.])(\d+)(?![\d.]*\d)")
 
 
@@ -44,10 +49,14 @@ def stacked(head: Head, kept: Collection[str | int]) -> Head:
 
 
 def _by_amount(head: Head) -> _Groups | None:
-    """Sweeps at temperatures or drives that the heads state; their frequency, or time, may be one for all."""
-    found = _grouped([_cut(name, _AMOUNT, 0) for name in head.names])
-    axis = found and {*next(iter(found.sweeps.values())), *found.shared}
-    return found if axis and (_are(axis, "frequency") or _are(axis, "time")) else None
+    """Sweeps at temperatures or drives that the heads state, or up and down; their frequency, or time, may be
+    one for all."""
+    for form in (_AMOUNT, _DIRECTION):
+        found = _grouped([_cut(name, form, 0) for name in head.names])
+        axis = found and {*next(iter(found.sweeps.values())), *found.shared}
+        if axis and (_are(axis, "frequency") or _are(axis, "time")):
+            return found
+    return None
 
 
 def _by_number(head: Head) -> _Groups | None:

@@ -90,7 +90,7 @@ RATIOS: dict[str, dict[str, set[str]]] = {
 # place's temperature.
 NOT_MEANT = {
     "voltage": {*_words(
-        "dc vdc udc offset bias supply battery sensor detector photodiode pd laser aux versorgung"
+        "dc vdc udc offset bias supply battery sensor detector photodiode pd laser versorgung"
         " versorgungsspannung gleichspannung alimentation d'alimentation alimentación alimentazione"
     )},
     "frequency": {*_words("center centre mittenfrequenz span rbw vbw")},
