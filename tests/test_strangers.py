@@ -220,3 +220,14 @@ def test_degrees_however_they_are_written(save, unit):
         'temperature = { column = "T (' in text
         and 'unit = "?"' not in text.partition("temperature =")[2].split("\n")[0]
     )
+
+
+def test_numbers_between_their_names_and_their_units(save):
+    """As a program prints them; the first two rows were taken for names and units."""
+    text = "".join(
+        f"frequency={f} Hz, wd = {w.real} um, wq: {w.imag} um\n" for f, w in zip(F, 1j * S, strict=True)
+    )
+    (log,) = read_logs(save(text))
+    assert log.frequency.tolist() == F.tolist() and log.response.tolist() == (1j * S).tolist()
+    refused(save(text.replace("wd", "w", 1)), "expected columns")
+    refused(save(text.replace(f"{F[20]} Hz", f"{F[20]} kHz")), "line 21", "kHz")

@@ -175,7 +175,7 @@ def is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
         texts
     )  # 25.1 kHz, (1+2j)
-    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
+    if len(names) != len(below) or not texts or row or any(is_number(text) or "=" in text for text in texts):
         return False
     if not any(re.search(r"[_\[(]", name) for name in names):
         return True
