@@ -20,12 +20,12 @@ kept
 precision
 shell
 shown
-tables     densities units textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
+tables     densities units ruled textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
            hdf matlab
-           arrays arrow audio tdms jsonlines uff touchstone citi head
-columns    preset plan metadata signal mapping mapfile labels factors survey roles draft found unknown synonyms owntimes header
+           arrays arrow audio tdms jsonlines influx spice uff touchstone citi head
+columns    preset plan metadata signal mapping mapfile labels factors survey roles draft found unknown synonyms owntimes abreast header
 demodulation  lockin switched carrier waveform
-logs       capture opening missing filled stated parted timed benchwords together within doubts copies log read alike taken written made
+logs       capture opening missing filled stated parted wrapped timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
 model      carry plant span rice theta experiment likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected mixed jitter extra rounds rounded residuals renew whole

@@ -123,6 +123,8 @@ def test_other_conversions(unit, to, value, expected):
         ("w", "MM", ["'MM'", "of a million", "did you mean 'mm'"]),
         ("time", "", ["no unit", "time_s"]),
         ("w", "foo", ["'foo'"]),
+        ("voltage", "V~", ["'V~'", "unit of voltage"]),
+        ("w", "um!", ["'um!'", "unit of w"]),
         ("wd", "dBm", ["decibels", "mapping file"]),
         ("w", "__import__('os')", ["unit of w"]),
         ("force", "Np–K", ["'Np–K'", "unit of force"]),

@@ -36,6 +36,7 @@ from sysid.tables.stamps import EXAMPLE, is_local
 
 INPUTS = ("time", "frequency", "temperature", "force")
 WHOLE = ("wd", "wq", "w", "response")
+PASSING = 9  # steps that all go up: of a column in no order one in 10! does
 VOLTS = re.compile(r"[numk]?V")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
 # what counts the rows of an even sampling; "": the index that pandas writes, which has no name
@@ -249,17 +250,18 @@ def _column(label: str) -> str:
 
 
 def _passing(head: Head, labels: Collection[str]) -> str | None:
-    """The column that is called a time, without a unit of one, or has no name, and goes up in the first rows;
-    None where there is none."""
-    rising = (
-        label
-        for label in sorted(labels, key=is_called_time, reverse=True)
-        if (is_called_time(label) or not label.strip())
-        and (first := _first_numbers(head, label))
-        and first[-1] > first[0]
-        and all(after >= before for before, after in pairwise(first))
-    )
-    return next(rising, None)
+    """The column that may be a time: one that goes up in the first rows, and is called so, without a unit, or
+    has no name, or goes up in each of them and has no unit; or one of dates. None where there is none."""
+    for label in sorted(labels, key=is_called_time, reverse=True):
+        steps = [after - before for before, after in pairwise(_first_numbers(head, label))]
+        called = is_called_time(label) or not label.strip()
+        bare = len(steps) >= PASSING and not units.is_known(units.split_unit(label)[1])
+        up = bool(steps) and sum(steps) > 0 and min(steps) >= 0
+        column = head.names.index(label)
+        dates = {tuple(row[column : column + 1]) for row in head.sample if head.dated(column)}
+        if (up and (called or (bare and min(steps) > 0))) or len(dates) > 1:
+            return label
+    return None
 
 
 def _first_numbers(head: Head, label: str) -> list[float]:
@@ -280,26 +282,27 @@ def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
 def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str, ...]:
     """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
     ways to say it. Empty of any other rows."""
-    steady = "or `# kind: steady` of settled points"
+    if (label := passing if counter is None else counter) is None:
+        return ()
+    called = f"a column {label!r}" if label.strip() else "a column without a name"
     if counter is not None:
-        found = (
-            f"a column {counter!r} that counts the rows" if counter.strip() else "a column that counts them"
-        )
-        way = f"state `# sample_rate_Hz: 10000`, say, above the header, {steady}"
-    elif passing is not None:
-        called = f"a column {passing!r}" if passing.strip() else "a column without a name"
-        found = f"{called} that goes up and states no unit of time"
-        way = (
-            f"call it {_with_unit_of_time(passing)}, or whatever its unit is, give the unit in a mapping file"
-            f" (--columns), {steady}"
+        found, way = (
+            f"{called} that counts the rows",
+            "state `# sample_rate_Hz: 10000`, say, above the header",
         )
     else:
-        return ()
+        states = "states no unit of time" if is_called_time(label) or not label.strip() else "may be one"
+        found, unit = (
+            f"{called} that goes up and {states}",
+            "whatever its unit is, give the unit in a mapping file",
+        )
+        way = f"call it {_with_unit_of_time(label)}, or {unit} (--columns)"
+    way += ", or `# kind: steady` of settled points"
     return (f"{head.name}: found no time, and {found}, taken as settled points; {way}",)
 
 
 def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> list[str]:
-    """A note on each column that is not read; one on all of them where there are many."""
+    """A note on each column that is not read; on all of them where there are many."""
     if len(labels) > SHOWN:
         return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
     each = []
@@ -321,7 +324,8 @@ def _why_no_drive(label: str, sources: Mapping[str, Source]) -> str:
     unit = units.split_amplitude(units.split_unit(label)[1])[0]
     sensed = any(VOLTS.fullmatch(source.unit) for name, source in sources.items() if name in WHOLE)
     open_ = VOLTS.fullmatch(unit) and not sensed and is_absent("voltage", sources)
-    return f"; if it is the drive, call it voltage_{unit}" if open_ else ""
+    stated = parse(label).amplitude
+    return f"; if it is the drive, call it voltage_{unit}{stated and '_'}{stated}" if open_ else ""
 
 
 def _why_no_time(head: Head, label: str) -> str:

@@ -55,7 +55,7 @@ DRIVEN = {*_words("drive excitation anregung excitación eccitazione возбу�
 # Words that name a part wherever they stand: a phase before a magnitude, a magnitude in bars before the rest.
 PHASE = {*_words(
     "phase phi theta θ φ ϕ arg ang angle argument thetaz thetay θz θy phz phas"
-    " phasenwinkel phasenverschiebung winkel déphasage fase ángulo angolo фаза угол"
+    " phasenwinkel phasenverschiebung winkel déphasage fase ángulo angolo фаза угол fas faz vaihe fáze"
 )}  # fmt: skip
 REAL = {*_words("re real realpart inphase realteil réel réelle reale действительная вещественная")}
 IMAGINARY = {*_words(
@@ -86,6 +86,21 @@ RATIOS: dict[str, dict[str, set[str]]] = {
         "magnitude": {"y", "admittance", "yabs", "absy"},
     },
 }
+# Of an input what is not the plate's own: a voltage that does not drive it, what a sweep is about, another
+# place's temperature.
+NOT_MEANT = {
+    "voltage": {*_words(
+        "dc vdc udc offset bias supply battery sensor detector photodiode pd laser versorgung"
+        " versorgungsspannung gleichspannung alimentation d'alimentation alimentación alimentazione"
+    )},
+    "frequency": {*_words("center centre mittenfrequenz span rbw vbw")},
+    "temperature": {*_words("dt delta δ δt dew dewpoint taupunkt cpu pcb board")},
+}  # fmt: skip
+# What was asked for, or the edge of a range, where a column beside it says what there was.
+SECOND = {*_words(
+    "set setpoint soll sollwert target nominal nom cmd command commanded requested consigne"
+    " min max minimum maximum"
+)}  # fmt: skip
 NOT_DATA = re.compile(r"_err|std|stdev|sigma|error|uncert|variance", re.I)  # of how sure another column is
 ANGULAR = ("omega", "\u03c9")  # of radians alone: one of hertz leaves open whether 2 pi is in it
 OFFSETS = {
@@ -111,6 +126,8 @@ _PLAIN = {
 }  # fmt: skip
 # How a unit stands at the end of a head without brackets: behind a slash or a comma, behind a blank, or glued
 # to a word; in the last two it is a usual one. A letter alone before it is a prefix: f_kHz is no f_k in Hz.
+# abs(S), of a symbol and in no unit, unlike Re(V), which is in volts either way
+_OF_A_SYMBOL = re.compile(r"\b(re|im|real|imag|abs|mag|mod|arg|ang|phase|db)\(([A-UW-Z])\)", re.IGNORECASE)
 _USUAL = {
     *_PLAIN.values(),
     "V",
@@ -205,17 +222,19 @@ def parse(text: str) -> Label:
         told = label.part in ("phase", "magnitude") or (lettered and label.words[-1:] in _TITLES)
         if told or (lettered and _TRACE.fullmatch(own)):
             return label
-    plain = densities.plain(text.strip()).replace("′", "'").replace("″", "''")
+    plain = densities.plain(text.strip()).replace("′", "'").replace("″", "''").replace("∠", " angle ")
     plain = re.sub(r"\bin[-_ ]phase", "inphase", plain, flags=re.IGNORECASE)
     plain = re.sub(r"out[-_ ]of[-_ ]phase", "quadrature", plain, flags=re.IGNORECASE)
     plain = re.sub(r"([ZYzy])(''|\")", r"\1 imag", plain)
     plain = re.sub(r"([ZYzy])'", r"\1 real", plain)
+    plain = _OF_A_SYMBOL.sub(r"\1 \2", plain)
     plain, sign = (plain[1:].strip(), -1) if plain[:1] in "-−" and plain else (plain, 1)
     unit, rest = ("", plain) if LOGARITHM.match(plain) else _unit(plain)
     stated = _stated(plain)
     rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
     apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
     words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", folded(apart)) if word]
+    words = [re.sub(r"^([uv])(rms|pp|eff|ss)$", r"\1", word) for word in words if word != "vss"]  # a supply
     parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
     unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")
     unit = unit or ("dB" if "db" in parts else "")  # db:Trc1_S21
@@ -227,7 +246,7 @@ def parse(text: str) -> Label:
 
 def _stated(head: str) -> str:
     """What a word of a head says of its amplitude: of Vrms "rms", of Upp "pp"; of `peak` alone ""."""
-    plain = re.sub(r"(pk|peak)[- _]to[- _]\1", "pp", head, flags=re.IGNORECASE)
+    plain = re.sub(r"(pk|peak|pico|cr[eê]te)[- _](to|a|à)[- _]\1", "pp", head, flags=re.IGNORECASE)
     for word in re.split(r"[\s\[(){}\],;:_]+", re.sub(r"^vss\b", "", plain, flags=re.IGNORECASE)):  # a supply
         of, stated = units.split_amplitude(word)
         if stated and (len(of) < 4 or is_decibel(of) or per_drive(of)) and word.casefold() != "peak":

@@ -266,11 +266,11 @@ class MappingFile:
         part = replace(head, names=head.names[begin:end])
         return begin + self._position(key, entry["column"], part)
 
-    def called(self) -> set[str]:
-        """The names of columns that it mentions."""
+    def called(self) -> set[str | int]:
+        """The names and the places of columns that it mentions."""
         entries = (*self.options.get("columns", {}).values(), self.options.get("split_by"))
         named = (entry.get("column") if isinstance(entry, dict) else entry for entry in entries)
-        return {name for name in named if isinstance(name, str)}
+        return {name for name in named if isinstance(name, str | int)}
 
     def _position(self, key: str, column: str | int, head: Head) -> int:
         if isinstance(column, str) and head.names.count(column) == 1:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import DRIVEN, INPUTS, NOT_DATA, Label
+from sysid.columns.labels import DRIVEN, INPUTS, NOT_DATA, NOT_MEANT, SECOND, Label
 from sysid.columns.survey import LEVELS, Columns, fits, is_hertz
 from sysid.tables import units
 from sysid.tables.densities import is_decibel
@@ -111,7 +111,7 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     found = dict(guessed)
     if found.keys() & {"wd", "x", "y", "magnitude", "response"} or not found.keys() & {"time", "frequency"}:
         return found
-    left = _telling(columns, _left(columns, found))
+    left = _telling(columns, _first(columns, _left(columns, found)))
     left = _without_drive(columns, found, [k for k in left if "w" not in found or columns.unit(k)])
     if "w" not in found:
         if undecided(columns, found):
@@ -141,6 +141,12 @@ def _are_parts(columns: Columns, found: Mapping[str, int], left: list[int]) -> b
 def _left(columns: Columns, found: Mapping[str, int]) -> list[int]:
     """Columns that are not found to be something else, and may be a response."""
     return [k for k in range(len(columns.labels)) if k not in found.values() and _may_respond(columns, k)]
+
+
+def _first(columns: Columns, left: list[int]) -> list[int]:
+    """Columns without what was asked for beside what there was, in the same unit."""
+    known = {columns.unit(k) for k in left if not {*columns.labels[k].words} & SECOND}
+    return [k for k in left if columns.unit(k) not in known or not {*columns.labels[k].words} & SECOND]
 
 
 def undecided(columns: Columns, found: Mapping[str, int]) -> list[int]:
@@ -233,6 +239,7 @@ def _named(columns: Columns) -> dict[str, list[int]]:
             continue
         if name := _name(label, columns.ratio, found, columns.moves(index)):
             found.setdefault(name, []).append(index)
+    found = {name: of for name in found if (of := _meant(columns, name, found))}
     if not found.keys() & {
         "frequency",
         "phase",
@@ -250,6 +257,17 @@ def _named(columns: Columns) -> dict[str, list[int]]:
         if name not in found and free and fits(name, columns.unit(0)):
             found[name] = [0]
     return found
+
+
+def _meant(columns: Columns, name: str, found: Mapping[str, list[int]]) -> list[int]:
+    """The columns of a name that may be meant by it, those called so by a log's names first, and what was
+    asked for behind what there was. A voltage may be the drive whatever it is called where nothing is swept:
+    of a motor it is the supply."""
+    words = {k: {*columns.labels[k].words} for k in found[name]}
+    spare = NOT_MEANT.get(name, set()) if "frequency" in found or name != "voltage" else set()
+    own = {k: (said := units.parse_name(columns.head.names[k])) and said.quantity == name for k in words}
+    meant = [k for k in words if not words[k] & spare]
+    return sorted(meant, key=lambda k: (not own[k], bool(words[k] & SECOND)))
 
 
 def _name(label: Label, ratio: str, found: Mapping[str, list[int]], moving: bool) -> str:

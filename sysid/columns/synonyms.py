@@ -8,6 +8,7 @@ from sysid.columns.metadata import stated, stated_constant
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
 from sysid.tables import units
+from sysid.tables.cells import is_number
 from sysid.tables.csvfile import Head, LogError
 from sysid.tables.stamps import EXAMPLE, is_local, is_long
 
@@ -89,13 +90,12 @@ def add_source(head: Head, sources: dict[str, Source], label: str, source: Sourc
         units.check_unit(name.quantity, unit)
     except ValueError as error:
         first = head.first(source.column) if source.column is not None else ""
-        if name.quantity == "time" and is_local(first):
+        if name.quantity == "time" and not name.unit and first and not is_number(first):
+            found = f"a date {first!r}" if is_local(first) else repr(first)
             expected = (
                 f"the year first, as in {EXAMPLE}, or the seconds since the first row in a column time_s"
             )
-            raise LogError(
-                f"{head.path}, column {label!r}: found a date {first!r}, expected {expected}"
-            ) from None
+            raise LogError(f"{head.path}, column {label!r}: found {found}, expected {expected}") from None
         if source.column is None:
             raise LogError(f"{head.path}, {source.label}: {error}") from None
         raise LogError(f"{head.path}, column {label!r}: {error}", drafted(head)) from None

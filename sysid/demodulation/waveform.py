@@ -25,6 +25,7 @@ from sysid.demodulation.carrier import SURE, Stretches, filling, follow, stronge
 from sysid.demodulation.lockin import blocks, low_pass
 from sysid.tables.csvfile import Head, LogError
 
+NAMES = "; columns drive and response are samples of a carrier: amplitudes are called voltage and w"
 PERIODS = 2  # in a block, at least: in fewer the mean cannot be told from slope and curvature
 SAMPLES = 32  # in a block, at least
 ROWS = 1 << 18  # at most, about
@@ -151,9 +152,8 @@ def _measure(drive: np.ndarray, step: float, stated: np.ndarray | None, count: i
         raise LogError(f"found {found}; expected {1 / NYQUIST:.3g} samples a period or more")
     periods = int(np.ceil(max(PERIODS, SAMPLES * turns, len(drive) * turns / ROWS)))
     if count * turns < LEAST * periods:
-        raise LogError(
-            f"found {max(count, 0) * turns:.3g} periods of the drive, expected {LEAST * periods} or more"
-        )
+        found = f"found {max(count * turns, 0.0):.3g} periods of the drive"
+        raise LogError(f"{found}, expected {LEAST * periods} or more{NAMES}")
     return omega, periods
 
 
@@ -206,7 +206,7 @@ def sample_times(head: Head, metadata: Mapping[str, str], time: np.ndarray | Non
         if time is None:
             raise LogError(
                 f"{head.path}: found a waveform without time, expected a column time_s, or metadata"
-                f" sample_rate_Hz"
+                f" sample_rate_Hz{NAMES}"
             )
         return time
     if time is not None and abs(_step(time) * rate - 1) > RATE:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.columns.abreast import stacked
 from sysid.columns.header import INPUTS, counted, planned, table_plan
 from sysid.columns.mapfile import load_mapping
 from sysid.columns.mapping import MappingFile, select_rows
@@ -29,6 +30,7 @@ from sysid.logs.stated import errors, read_errors, stated_in
 from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
+from sysid.logs.wrapped import unwrapped
 from sysid.tables import units
 from sysid.tables.cells import decimals, listed, to_number
 from sysid.tables.csvbody import Body, read_body
@@ -83,11 +85,12 @@ def logs_of(head: Head, mapping: MappingFile | None = None) -> list[Log]:
 
 def tabled(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan, Body]:
     """A file's head as it is planned, with its rows and how they are told apart. Raises LogError."""
-    head = widened(head, mapping.called() if mapping else ())
+    named = mapping.called() if mapping else ()
+    head = stacked(widened(head, named), named)
     head, mapping, plan = planned(at_one_time(head, mapping), mapping)
     wanted = sorted({source.column for source in plan.sources.values() if source.column is not None})
     body = read_body(head, wanted, plan.split, _dated(plan))
-    return head, mapping, *parted(head, plan, body, wanted, _dated(plan))
+    return head, mapping, *parted(head, *unwrapped(plan, body), wanted, _dated(plan))
 
 
 def _dated(plan: Plan) -> set[int]:

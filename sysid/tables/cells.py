@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 WHITESPACE = " "  # the delimiter that means any run of blanks and tabs
+MARKS = ",;\t| "  # that may part cells
+_MAGNITUDE = re.compile(r"(?<![^\s,;])\|[^|\s]+\|")
 GROUPED = re.compile(
     r"[+-]?[1-9]\d{0,2}([.,]\d{3})+"
 )  # 32,300: a fraction where the comma is the decimal mark, else thousands
@@ -120,12 +122,13 @@ def listed(names: Sequence[str]) -> str:
 
 
 def find_delimiter(line: str) -> str:
-    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon or a tab,
-    else blanks."""
-    for mark in ",;\t ":
+    """The mark that parts a row into numbers; of a header a comma, or where it has none a semicolon, a tab or
+    a bar that does not stand for a magnitude, |Z|, else blanks."""
+    for mark in MARKS:
         if mark in line and all(is_number(cell) for cell in split_line(line, mark) if cell.strip()):
             return mark
-    return next((mark for mark in ",;\t" if mark in line), WHITESPACE if " " in line else ",")
+    bare = _MAGNITUDE.sub("", line)
+    return next((mark for mark in MARKS[:-1] if mark in bare), WHITESPACE if " " in line else ",")
 
 
 def uncounted(names: Sequence[str]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from sysid.tables.textfile import LogError
 _NUMBER = r"([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 PAIR = re.compile(rf"\(?\s*{_NUMBER}\s*,\s*{_NUMBER}\s*\)?")  # 0.1,0.2 of a cell, where tabs part the cells
 DECIBELS = re.compile(rf"\(?\s*{_NUMBER}\s*dB\s*,\s*{_NUMBER}\s*(?:°|\ufffd|deg)\s*\)?")  # (-3.1dB,-12°)
-NAMED = re.compile(rf"([^\W\d][^:=]*)[:=]\s*{_NUMBER}")  # time_ms:0.5, x = 0.5
+NAMED = re.compile(rf"([^\W\d][^:=]*)[:=]\s*{_NUMBER}\s*([^\d\s:=][^:=]*)?")  # time_ms:0.5, x = 0.5 um
 PREFIXES = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "k": 3, "K": 3, "M": 6, "G": 9}
 Parted = list[tuple[str, list[str]]]  # names and cells of the columns that one becomes
 
@@ -52,11 +52,18 @@ def simple(head: Head) -> Head:
 
 def _named(head: Head) -> tuple[str, ...]:
     """The names that stand in each cell before its number, as a microcontroller prints them for a plotter;
-    empty where not all cells of the first rows have those of the first."""
+    empty where most of the first rows do not have those of the first."""
     rows = [[NAMED.fullmatch(cell.strip()) for cell in row] for row in (head.names, *head.sample)]
-    names = tuple(found[1].strip() for found in rows[0] if found)
-    same = ([found and found[1].strip() for found in row] == [*names] for row in rows)
-    return names if len(names) == len(head.names) > 1 and all(same) else ()
+    names = tuple(map(_called, rows[0]))
+    same = [[*map(_called, row)] == [*names] for row in rows]
+    return names if all(names) and len(names) > 1 and _most(same) else ()
+
+
+def _called(found: re.Match[str] | None) -> str:
+    """The name, with its unit, that stands in a cell beside its number; "" in any other cell."""
+    return (
+        "" if found is None else f"{found[1].strip()} [{found[3].strip()}]" if found[3] else found[1].strip()
+    )
 
 
 def _without_names(head: Head, names: tuple[str, ...]) -> Head:
@@ -66,7 +73,7 @@ def _without_names(head: Head, names: tuple[str, ...]) -> Head:
     found = [[NAMED.fullmatch(cell) for cell in column] for column in zip(*rows, strict=True)]
     columns = (
         np.array(
-            [one[2] if one and one[1].strip() == name else cell for one, cell in zip(of, cells, strict=True)],
+            [one[2] if one and _called(one) == name else cell for one, cell in zip(of, cells, strict=True)],
             object,
         )
         for name, of, cells in zip(names, found, zip(*rows, strict=True), strict=True)

@@ -36,6 +36,7 @@ from sysid.tables.preamble import (
     is_table,
     is_unit_row,
     left_out,
+    numbers_columns,
     numbers_its_rows,
     settings,
     with_units,
@@ -245,7 +246,7 @@ def _delimiter(header: str, row: str) -> str:
     cells = split_line(row, second)
     alike = len(cells) > 1 and len(split_line(header, second)) == len(cells)
     numbers = alike and all(is_number(cell) for cell in cells if cell.strip())
-    return second if first == "," and numbers else first
+    return second if (first == "," or second == "|") and numbers else first
 
 
 class _Above(NamedTuple):
@@ -315,6 +316,8 @@ def _usual_header(lines: list[str], comments: list[str], dialect: Dialect) -> tu
         return line, 0, comments
     if dialect.header is None and lines[1:] and is_own_header(lines[1], dialect):  # below a row of groups
         return lines[1], 2, comments
+    if dialect.header is None and len(lines) > 2 and numbers_columns(lines[1], dialect):
+        return lines[0], 2, comments
     if dialect.header is None and is_unit_row(lines[0], lines[1:], dialect):
         return with_units(lines[0], lines[1], dialect), 2, comments
     return lines[0], 1, comments

@@ -5,11 +5,12 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 
-from sysid.tables import arrays, arrow, audio, citi, matlab, tdms, touchstone, uff
+from sysid.tables import arrays, arrow, audio, citi, matlab, spice, tdms, touchstone, uff
 from sysid.tables.cells import Dialect, listed
 from sysid.tables.compound import simple
 from sysid.tables.csvfile import Head, LogError, read_head
 from sysid.tables.hdf import read_hdf
+from sysid.tables.influx import is_influx, read_influx
 from sysid.tables.jsonlines import is_jsonlines, read_jsonlines
 from sysid.tables.store import Store
 
@@ -25,6 +26,7 @@ BY_MARK: dict[bytes, tuple[Reader, str]] = {
     b"TDSm": (tdms.read_tdms, "a TDMS file"),
     b"\x93NUMPY": (arrays.read_npy, "a numpy array"),
 }
+BEGINNING = 1 << 12  # bytes that tell what a file is
 ZIP = b"PK\x03\x04"  # of archives of many kinds
 USER_BLOCKS = (512, 1024, 2048)  # bytes that may stand before an HDF5 file's own
 JSON = r"\.(jsonl|ndjson|json)(\.(gz|bz2|xz))?$"
@@ -58,7 +60,7 @@ def open_head(path: str, dialect: Dialect) -> Head:
 def _reader(path: str) -> tuple[Reader, str] | None:
     """What reads a file that is no text table, and what it is called; None of text."""
     with open(path, "rb") as file:
-        first = file.read(32)
+        first = file.read(BEGINNING)
         for place in USER_BLOCKS if first.startswith(b"\x00") else ():
             file.seek(place)
             first = mark if (mark := file.read(8)) == b"\x89HDF\r\n\x1a\n" else first
@@ -72,6 +74,10 @@ def _reader(path: str) -> tuple[Reader, str] | None:
         return found
     if first.startswith(ZIP) and arrays.is_npz(path):
         return arrays.read_npz, "a numpy archive"
+    if spice.is_spice(first):
+        return spice.read_spice, "a raw file of a circuit simulator"
+    if is_influx(first):
+        return read_influx, "a file of InfluxDB's lines"
     begins = first.lstrip(b"\xef\xbb\xbf \t\r\n").startswith((b"{", b"["))
     may_be = begins or re.search(JSON, path, re.IGNORECASE)
     return (read_jsonlines, "a file of JSON") if may_be and is_jsonlines(path) else None

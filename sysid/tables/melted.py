@@ -30,7 +30,7 @@ VALUES = {"value", "values", "reading", "val", "payload"}
 KEYS = ("time", "timestamp", "date", "datetime", "ts", "t", "frequency", "freq", "f")
 
 
-def widened(head: Head, kept: Collection[str]) -> Head:
+def widened(head: Head, kept: Collection[str | int]) -> Head:
     """The head of a long table as of a wide one; of any other, or where some columns are `kept`, as it is.
     Raises LogError where a name has two readings at one time."""
     called = [name.strip("_ ").casefold() for name in head.names]

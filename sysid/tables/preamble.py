@@ -149,6 +149,12 @@ def numbers_its_rows(header: str, row: str, widths: set[int], count: int) -> boo
     return widths == {count + 1} and (quoted or (header[:1] == " " and row[:1].isalnum()))
 
 
+def numbers_columns(line: str, dialect: Dialect) -> bool:
+    """Whether a line numbers three columns or more, from 0 or 1 on."""
+    cells = _cells(line, dialect.delimiter or find_delimiter(line))
+    return len(cells) > 2 and any(cells == [str(k + first) for k in range(len(cells))] for first in (0, 1))
+
+
 def is_own_header(line: str, dialect: Dialect) -> bool:
     """Whether all cells of a line that hold something are names of a log's columns with their units."""
     cells = _cells(line, dialect.delimiter or find_delimiter(line))
@@ -169,7 +175,7 @@ def is_unit_row(line: str, following: list[str], dialect: Dialect) -> bool:
     row = 2 * sum(bool(re.match(r"\(?\s*[+-]?\.?\d", text)) for text in texts) > len(
         texts
     )  # 25.1 kHz, (1+2j)
-    if len(names) != len(below) or not texts or row or any(map(is_number, texts)):
+    if len(names) != len(below) or not texts or row or any(is_number(text) or "=" in text for text in texts):
         return False
     if not any(re.search(r"[_\[(]", name) for name in names):
         return True

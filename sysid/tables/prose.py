@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from sysid.tables import units
-from sysid.tables.cells import is_number, split_line
+from sysid.tables.cells import MARKS, is_number, split_line
 from sysid.tables.stamps import is_stamp
 from sysid.tables.textfile import LogError, open_text, read_line
 
@@ -27,7 +27,7 @@ def is_prose(path: str) -> bool:
 
 def _parted(text: str) -> Iterator[tuple[str, list[str]]]:
     """The cells of a line that hold something, by each mark that may part them."""
-    for mark in ",;\t ":
+    for mark in MARKS:
         yield mark, [cell for cell in split_line(text, mark) if cell.strip()]
 
 

@@ -23,6 +23,37 @@ _LOCALLY = re.compile(
     rf"(\d\d?)([-/.])(\d\d?)\2(\d{{4}}|\d\d)(?:(?:,?\s+|T)(\d\d?):(\d\d)(?::(\d\d(?:[.,]\d*)?))?{_HALF})?",
     re.IGNORECASE,
 )
+_TIME = (
+    rf"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d(?:[.,]\d*)?))?{_HALF.replace('([', '(?P<half>[')}"
+)
+_MONTHS = (
+    "jan",
+    "feb",
+    "mar mär mrz",
+    "apr",
+    "may mai",
+    "jun",
+    "jul",
+    "aug",
+    "sep",
+    "oct okt",
+    "nov",
+    "dec dez",
+)
+_MONTH = rf"(?P<month>{'|'.join(_MONTHS).replace(' ', '|')})[a-z]*\.?"
+# Dates whose month is a word, 31-Mar-2024 12:00:00, Mar 31, 2024 12:00 PM, Sun Mar 31 12:00:00 2024, and some
+# without marks, 20240331T120000.5.
+_WRITTEN = [
+    re.compile(form, re.IGNORECASE)
+    for form in (
+        rf"(?P<day>\d\d?)[-\s/.]+{_MONTH}[-\s/.,]+(?P<year>\d{{4}}|\d\d)(?:[\s,T:]+{_TIME})?",
+        rf"{_MONTH}\s+(?P<day>\d\d?),?\s+(?P<year>\d{{4}})(?:[\s,]+{_TIME})?",
+        rf"(?:[a-z]{{3}},?\s+)?{_MONTH}\s+(?P<day>\d\d?)\s+{_TIME}\s+(?P<year>\d{{4}})",
+        r"(?P<year>\d{4})(?P<month>\d\d)(?P<day>\d\d)[T_ ]"
+        r"(?P<hour>\d\d)(?P<minute>\d\d)(?P<second>\d\d(?:[.,]\d*)?)(?P<half>)Z?",
+    )
+]
+_SIGNS = str.maketrans({"年": "-", "月": "-", "日": " ", "時": ":", "时": ":", "分": ":", "秒": ""})
 ORDERS = ((2, 1, 0), (2, 0, 1))  # at which place of a local date year, month and day may stand
 SHORT = (*ORDERS, (0, 1, 2))  # where the year has two digits
 DAY = 86400.0  # s
@@ -42,7 +73,27 @@ def is_local(text: str) -> bool:
 
 def is_stamp(text: str) -> bool:
     """Whether a cell is a date, with a time of day or without, or a time of day alone."""
+    return _is_usual(text) or _is_usual(_usual(text))
+
+
+def _is_usual(text: str) -> bool:
     return any(form.fullmatch(text.strip()) for form in (_ISO, _CLOCK, _LOCALLY))
+
+
+def _usual(text: str) -> str:
+    """A date that is written with words, with signs or without marks as one of ISO 8601; any other text as it
+    is."""
+    text = re.sub(r"\s+", " ", text.translate(_SIGNS)).strip()
+    found = next((found for form in _WRITTEN if (found := form.fullmatch(text))), None)
+    if found is None:
+        return text
+    word = found["month"].casefold()
+    month = word if word.isdigit() else 1 + next(k for k, names in enumerate(_MONTHS) if word in names)
+    century = "" if len(found["year"]) == 4 else "20"
+    day = f"{century}{found['year']}-{int(month):02d}-{int(found['day']):02d}"
+    if found["hour"] is None:
+        return day
+    return f"{day}T{_hour(found['hour'], found['half'])}:{found['minute']}:{found['second'] or '00'}"
 
 
 def is_clock(text: str) -> bool:
@@ -64,7 +115,8 @@ def seconds_since(first: str, cells: Sequence[str]) -> np.ndarray:
     """
     if is_long(first):
         return np.array([_difference(cell, first) for cell in cells])
-    texts, first = [text.strip() for text in cells], first.strip()
+    read = str.strip if _is_usual(first) else _usual
+    texts, first = [read(text) for text in cells], read(first)
     if found := _LOCALLY.fullmatch(first):
         orders = SHORT if len(found[4]) == 2 else ORDERS
         dates = [_LOCALLY.fullmatch(text) for text in (first, *texts)]
@@ -126,7 +178,7 @@ def _as_iso(date: re.Match[str], order: tuple[int, int, int]) -> str:
 
 def _hour(hour: str, half: str | None) -> str:
     """The hour of the day, of one that is counted in halves of it, AM and PM, too: 12 AM is 00."""
-    if half is None:
+    if not half:
         return hour.zfill(2)
     within = int(hour) % 12 if 1 <= int(hour) <= 12 else 99  # no hour at all, which nothing reads
     return f"{within + 12 * (half.upper() == 'P'):02d}"

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, BinaryIO
 
+from sysid.tables.ruled import is_ruled, unruled
+
 LONGEST = (
     1 << 24
 )  # bytes in a line above the rows: a hundred thousand columns fit, a file without line ends is told early
@@ -38,6 +40,9 @@ FOREIGN = {
 NEAR = 1 << 16  # bytes in which a file that is one long line to others shows what ends its lines
 # A time that a serial monitor writes before each line that it receives.
 _RECEIVED = re.compile(rb"^(\d\d:\d\d:\d\d\.\d{3}) -> ", re.MULTILINE)
+# The names of columns on the first line, with lines of their own in quotes; no comment that holds a quote.
+_CELL = rb'(?:"[^"]{1,200}"|[^",;\t\r\n]*)'
+_HEADER = re.compile(rb"(?![#%!])" + _CELL + rb"(?:[,;\t]" + _CELL + rb")*(?=\r?\n)")
 
 
 class LogError(ValueError):
@@ -77,7 +82,9 @@ def open_text(path: str) -> BinaryIO:
     if first.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return _from_utf16(path)
     opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), None)
-    if opener is None and ((b"\r" in first and b"\n" not in first) or _RECEIVED.match(first)):
+    returns = b"\r" in first and b"\n" not in first
+    broken = first.partition(b"\n")[0].count(b'"') % 2 == 1
+    if opener is None and (returns or broken or _RECEIVED.match(first) or is_ruled(first)):
         return _from_lines(path)
     return (opener or open)(path, "rb")
 
@@ -100,8 +107,9 @@ def _from_utf16(path: str) -> BinaryIO:
 
 
 def _from_lines(path: str) -> BinaryIO:
-    """The text with line feeds where it has carriage returns alone, of a Macintosh, and the times of a
-    serial monitor as a column; whole in memory."""
+    """The text with line feeds where it has carriage returns alone, of a Macintosh, the times of a serial
+    monitor as a column, a header whose cells have lines of their own on the last of them, and without what is
+    drawn around cells; whole in memory."""
     with open(path, "rb") as file:
         text = file.read()
     text = text if b"\n" in text else text.replace(b"\r", b"\n")
@@ -111,7 +119,10 @@ def _from_lines(path: str) -> BinaryIO:
         text = _RECEIVED.sub(rb"\1" + mark, text)
         if re.search(rb"[A-Za-z]", _RECEIVED.sub(b"", first)):
             text = b"timestamp" + text[text.index(mark) :]
-    return io.BytesIO(text)
+    header = _HEADER.match(text := text.removeprefix(codecs.BOM_UTF8))
+    if header and (lines := header[0].count(b"\n")):
+        text = b"\n" * lines + re.sub(rb"\s*\n\s*", b" ", header[0]) + text[header.end() :]
+    return io.BytesIO(unruled(text) if is_ruled(text[:NEAR]) else text)
 
 
 def read_line(path: str, file: BinaryIO, number: int) -> bytes:

@@ -93,6 +93,7 @@ _PLAIN = (
 _POWERS = {"n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
 LONGEST = 60  # characters in a unit
+_STRANGE = re.compile(r"[^\w\s*/^.,()%‰°√·⋅−+-]")  # of V~, an rms perhaps: the library leaves them out
 _TOWER = re.compile(r"[\d)]\s*(\*\*|\^)")  # 9**9**9, which the library would work out
 _CELSIUS = {"C": "degC", "F": "degF"}  # of a temperature; elsewhere a coulomb, a farad
 _ALIASES = {
@@ -106,9 +107,12 @@ _FULL = {
     "newton": "N",
     "ampere": "A", "coulomb": "C", "kelvin": "K", "celsius": "degC", "fahrenheit": "degF", "radian": "rad",
     "percent": "%",
-    "minute": "min", "hour": "h", "degree": "deg", "deg": "deg",
+    "sekunde": "s", "sekunden": "s", "seconde": "s", "segundo": "s", "secondo": "s", "secondi": "s",
+    "minute": "min", "minuten": "min", "hour": "h", "stunde": "h", "stunden": "h", "degree": "deg",
+    "deg": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
+_DEGREES = re.compile(r"(?:deg(?:rees?)?\.?|[°º˚o])\s*([CF])", re.IGNORECASE)  # deg C, ° C, ºC, oC
 _CYRILLIC = {
     "гц": "Hz", "кгц": "kHz", "мгц": "MHz", "град": "deg", "рад": "rad", "дб": "dB", "в": "V", "мв": "mV",
     "с": "s", "мс": "ms", "мкс": "us", "м": "m", "мм": "mm", "мкм": "um", "нм": "nm", "ом": "ohm",
@@ -117,16 +121,24 @@ _OHM = re.compile(
     r"([numkMG]?)(?:[oO]hms?|\u03a9|\u2126)"
 )  # the last two: a capital omega, and the sign of the ohm
 _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
-_BRACKETS = re.compile(r"([^\[(]*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])][\s_]*(rms|pp|peak|p-p|pk-?pk|pk)?", re.I)
 # f/Hz, a table's head by ISO 80000: a quantity over its unit; f, Hz as Russian has it
 _QUOTIENT = re.compile(r"([^/_,]*[^/_,\s])(?:\s*/\s*|,\s+)(\S.*)")
 _PART = re.compile(r"([wW])_([dDqQ])(?=[_\s\[(])")  # W_d (um), w_q_um
 _IN = re.compile(r"(|.*\S)[\s_]+in\s+(\S.*)")  # Zeit in s; of R&S also "in s" alone, or below a name
 # Of Veff and Vss (Spitze-Spitze); behind other letters they end a word, and w_ss is the steady state.
-_WORD = r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff|(?<=(?-i:[VAm]))ss"
+_WORD = (
+    r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff\.?|(?<=(?-i:[VAmU]))ss"
+    r"|peak[ -](?:to[ -])?peak|spitze-spitze|cr[eê]te [aà] cr[eê]te|pico a pico|picco-picco"
+    r"|efficace|eficaz|effektiv"
+)
+_BRACKETS = re.compile(
+    rf"([^\[(]*?)[\s_]*(?:[\[(]({_WORD})[\])])?\s*[\[(]\s*([^\])]*?)\s*[\])][\s_]*[\[(]?({_WORD})?[\])]?",
+    re.I,
+)
+_BEFORE = re.compile(rf"({_WORD})_([^_]+)", re.I)  # rms_V of voltage_rms_V
 _AMPLITUDE = re.compile(rf"(?P<unit>.*?)[\s_]*(?P<amplitude>{_WORD})", re.I)
-_PEAKS = {"pk": "peak", "0-p": "peak", "0p": "peak", "eff": "rms"}
-_PEAKS |= dict.fromkeys(("pkpk", "pk-pk", "p-p", "ss"), "pp")
+_PEAKS = {"pk": "peak", "0-p": "peak", "0p": "peak"}
+_PEAKS |= dict.fromkeys(("eff", "eff.", "efficace", "eficaz", "effektiv"), "rms")
 
 
 class Name(NamedTuple):
@@ -188,12 +200,14 @@ def split_unit(label: str) -> tuple[str, str, str]:
     label = _PART.sub(r"\1\2", plain(label.strip()), count=1)
     if found := _BRACKETS.fullmatch(label):
         name, stated = (found[1], "") if found[1] == "Vss" else split_amplitude(found[1])  # a supply
-        return name, found[2], _in_words(found[3] or stated)
+        return name, found[3], _in_words(found[4] or found[2] or stated)
     if apart := level_at_end(label) or split_in(label):
         return *apart, ""
     if (found := _QUOTIENT.fullmatch(label)) and _is_unit(split_amplitude(found[2])[0]):
         return found[1], found[2], ""
     name, _, rest = label.partition("_")
+    if found := _BEFORE.fullmatch(rest):
+        return name, found[2], _in_words(found[1])
     if "_" in split_amplitude(rest)[0]:
         return label, "", ""
     return name, rest.strip(), ""
@@ -212,7 +226,8 @@ def split_amplitude(unit: str) -> tuple[str, str]:
 
 
 def _in_words(amplitude: str) -> str:
-    return _PEAKS.get(amplitude.lower(), amplitude.lower())
+    word = amplitude.lower()
+    return _PEAKS.get(word, word if word in ("", *PEAK) else "pp")
 
 
 def short(unit: str) -> str:
@@ -220,6 +235,8 @@ def short(unit: str) -> str:
     is."""
     if known := _CYRILLIC.get(unit.casefold()):
         return known
+    if unit not in _ALIASES and (found := _DEGREES.fullmatch(unit.translate({0x2103: "°C", 0x2109: "°F"}))):
+        return f"deg{found[1].upper()}"  # of the signs for both, too
     if ohm := _OHM.fullmatch(unit):
         return f"{ohm[1]}ohm"
     found = _WRITTEN.fullmatch(unit)
@@ -341,7 +358,7 @@ def _power(unit: str, to: str) -> int | None:
 @functools.cache
 def _parse(unit: str) -> Any:
     """The unit as pint's object, or None when pint does not know it."""
-    if not (unit.isprintable() and 0 < len(unit) <= LONGEST) or _TOWER.search(unit):
+    if not (unit.isprintable() and 0 < len(unit) <= LONGEST) or _TOWER.search(unit) or _STRANGE.search(unit):
         return None
     try:
         parsed = _registry().parse_units(_ALIASES.get(unit) or short(unit))
