@@ -215,3 +215,40 @@ def test_what_is_asked_in_run_may_change_at_once():
         lambda k: ASKED if k < AT or k % 100 < 50 else 0.05 * ASKED,
     )
     assert (found["fault"] == 0).all() and (found["mode"][-1] == RUN).all()
+
+
+def pressed(loop, phi, takes, f0=80.0, tau=10e-3, T=1e-3, asked=2.0):
+    """The fault, 0 if none, of a plate at resonance on which a finger of `phi` comes within `takes` s, once
+    the loop runs, and goes again; its demodulator is a delay. First order, exact under held inputs."""
+    state, Z, V, late = loop.machine.init(), 0.0, 0.0, (loop.delay - loop.latency) / T
+    shown, ran, stay = [0.0] * (int(late) + 3), None, 1.5 + takes
+    for k in range(20000):
+        told = shown[-1 - int(late)] + (late - int(late)) * (shown[-2 - int(late)] - shown[-1 - int(late)])
+        state, command, said = loop.machine.step(state, asked, complex(told))
+        if said.fault:
+            return FAULTS[int(said.fault)]
+        ran = k if ran is None and said.mode == RUN else ran
+        since = -1.0 if ran is None else (k - ran) * T - 0.5
+        there = min(max(since / takes, 0.0), 1.0) - min(max((since - stay) / takes, 0.0), 1.0)
+        rate = (1 + phi * there) / tau
+        settled = G / tau * V / rate
+        Z = settled + (Z - settled) * math.exp(-rate * T)
+        shown, V = [*shown[1:], Z], command.voltage
+        if since > 2 * stay:
+            return None
+    raise AssertionError("it does not run")
+
+
+@pytest.mark.parametrize(("finger", "ends"), [(0.3, None), (1.0, "follow")])
+def test_a_loop_that_is_too_slow_for_its_finger_says_how_slowly_it_must_come(finger, ends):
+    """At 80 Hz the demodulator's delay leaves a loop of 2.6 Hz, 62 ms: of half of the amplitude a tenth is
+    left after twice as long times ln 5, the 0.2 s that the guard waits."""
+    plate = SimpleNamespace(G=G, tau=10e-3, f0=80.0, k_T=None)
+    given = {"voltage_limit": 350.0, "amplitude": 2.0, "frequency_window": (64.0, 96.0), "sample_time": 1e-3}
+    loop = controller.design(plate, finger=finger, **given)
+    assert pressed(loop, finger, 1e-3) == ends
+    said = [note for note in loop.notes if "at once ends the drive" in note]
+    assert len(said) == (ends is not None)
+    for note in said:
+        takes = float(note.partition("one that takes ")[2].split()[0])
+        assert 1.0 < takes < 1.5 and pressed(loop, finger, takes) is None
