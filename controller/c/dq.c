@@ -780,7 +780,7 @@ static int32_t machine_fault(dq_state *s, int32_t found, dq_real asked, dq_real 
     const int32_t follow = follow_fault(s), swings = swing_fault(s, voltage, highest);
 
     /* In find it leaks, as half of the small amplitude may be noise; in lock it has to be so without a break. */
-    s->near = close && suits ? s->near + 1 : s->mode == DQ_MODE_FIND ? s->near - (s->near > 0) : 0;
+    s->near = !waits ? 0 : close && suits ? s->near + 1 : s->mode == DQ_MODE_FIND ? s->near - (s->near > 0) : 0;
     s->waited = waits ? s->waited + 1 : 0;
     if (found != DQ_FAULT_NONE)
         return found;
