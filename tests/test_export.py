@@ -97,7 +97,7 @@ def designed(source=PLATE, **given):
     machine = loop.machine.control if hasattr(loop.machine, "d") else loop.machine
     quick = {"patience": 5.0, "ramp": loop.amplitude / 20, "limit": 400.0, "fits": (0.0, 1e3, 1e3)}
     quick |= {"headroom": 1.5, "heaviest": 5.0}
-    guard = machine.control._replace(ceiling=4.0)
+    guard = machine.control._replace(ceiling=4.0, jump=2.0 * loop.amplitude)
     follows, swings = (150.0, 200.0) if loop.method == "adaptive" else (90.0, 12.0)
     return inner(loop, control=guard, follows=follows, swings=swings, **quick)
 
