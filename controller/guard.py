@@ -150,7 +150,8 @@ class Guard(NamedTuple):
         """One sample, as the controller's own; with a fault the voltage is zero and the frequency holds where
         it was. `stated`: whether a voltage and a frequency take the place of the controller's, and these.
         `arrived`: finite samples of the sensor since the step before; None: not told."""
-        there = self._believed(state, W, xp)
+        steps = 1.0 if arrived is None or self.samples == 0.0 else arrived * (1.0 / self.samples)
+        there = self._believed(state, W, steps, xp)
         told = Vector(xp.where(there, W.real, nan), W.imag)
         control, command, said = self.control.step(
             state.control, reference, told, temperature, xp, share, most, frozen, least
@@ -174,7 +175,7 @@ class Guard(NamedTuple):
         suspected = suspected._replace(
             edge=counted(at_edge, state.suspected.edge, xp), turned=turned,
             clipped=counted(clipped, state.suspected.clipped, xp),
-            behind=self._behind(state.suspected.behind, arrived, xp),
+            behind=self._behind(state.suspected.behind, steps, xp),
         )  # fmt: skip
         fault = xp.where(state.fault == 0.0, self._found(suspected, xp), state.fault)
         most = xp.where(most < self.limit, most, self.limit)
@@ -201,16 +202,15 @@ class Guard(NamedTuple):
             found = xp.where(count >= most, CODES[name], found)
         return found
 
-    def _behind(self, was: Any, arrived: Any, xp: Any) -> Any:
+    def _behind(self, was: Any, steps: Any, xp: Any) -> Any:
         """Steps that lack half of their samples, and those that did not come, less the others."""
-        if arrived is None or self.samples == 0.0:
-            return was
-        of_step = arrived * (1.0 / self.samples)
-        return clip(was + xp.where(of_step < 0.5, 1.0, of_step - 2.0), 0.0, self.patience, xp)
+        return clip(was + xp.where(steps < 0.5, 1.0, steps - 2.0), 0.0, self.patience, xp)
 
-    def _believed(self, state: GuardState, W: Any, xp: Any) -> Any:
-        """Whether a reading is there, and one that the plate can have come to since the last."""
+    def _believed(self, state: GuardState, W: Any, steps: Any, xp: Any) -> Any:
+        """Whether a reading is there, and one that the plate can have come to in `steps`, some of which may
+        not have come."""
         most = self.jump + self.jumps * (magnitude(state.d, xp) + magnitude(state.q, xp))
+        most = most * xp.where(steps > 1.0, steps, 1.0)
         far = beyond(W.real - state.d, most) | beyond(W.imag - state.q, most)
         return seen(0.0, W, xp) & xp.logical_not(far)
 

@@ -267,6 +267,15 @@ def test_whatever_comes_in_what_goes_out_is_within_its_limits(tmp_path, method):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+def test_steps_that_do_not_come_while_the_plate_moves_are_no_fault(each):
+    """Between two that come the plate moves by as many times as much; with three of ten left out it was called
+    missing, as no plate moves so far in one."""
+    _, bench = each
+    steps = [(AT + 0.02 * k, "reference", ASKED * (k % 2)) for k in range(1, 10)]
+    rows = bench.run([(AT, "skipped", 0.3), *steps], duration=AT + 0.2)
+    assert rows["mode"][-1] == RUN and not rows.fault.any()
+
+
 def test_open_loop_drives_with_what_is_stated(pi):
     """The demodulator tells the plate's response: Wq above zero below the resonance, as much as Wd half a
     bandwidth away."""

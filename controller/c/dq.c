@@ -421,11 +421,12 @@ static int drive_moved(const dq_state *s, dq_real frequency)
     return moved > enough || moved < -enough || turned > far || turned < -far;
 }
 
-/* Whether a reading is there, and one that the plate can have come to since the last. */
+/* Whether a reading is there, and one that the plate can have come to since the last; steps may not have come. */
 static int believed(const dq_state *s, reading W)
 {
     const dq_params *p = &s->params;
-    const dq_real most = p->jump + p->jumps * (size_of(s->last_d) + size_of(s->last_q));
+    const dq_real step = p->jump + p->jumps * (size_of(s->last_d) + size_of(s->last_q));
+    const dq_real most = step * (s->arrived > C(1) ? s->arrived : C(1));
     const dq_real d = W.d - s->last_d, q = W.q - s->last_q;
 
     return W.there && !(d > most || d < -most || q > most || q < -most);
