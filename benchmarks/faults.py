@@ -61,7 +61,7 @@ def bench(control, f0, tau, spoil, samples, switched=True, timer=None, noise=0.0
             if switched
             else (0 * W.real, 0 * W.real, np.abs(W), 0 * W.real)
         )
-        rows.append((voltage, frequency, *found))
+        rows.append(np.broadcast_arrays(voltage, frequency, *found))  # a number where there was none yet
     return np.array(rows).transpose(1, 0, 2)
 
 

@@ -20,7 +20,8 @@ import numpy as np
 
 from controller.adaptive import Adaptive
 from controller.dq import DQ
-from controller.laws import Asked
+from controller.laws import CEILING, FOLLOW_AFTER, FOLLOWS, SPARE, Asked
+from controller.machine import NEAR, Machine
 from controller.plate import positive
 from controller.promise import LONGEST, samples, settling
 from controller.tracker import SignTracker
@@ -79,6 +80,13 @@ def bandwidth_of(asked: Asked, wanted: float | None, settled: float | None) -> B
 
 def _suited(asked: Asked) -> None:
     """Raises ValueError for a method that the plate, or the sample time, rules out."""
+    longest = max(FOLLOW_AFTER, FOLLOWS * asked.plate.tau) / (SPARE + 2.0)
+    if longest < asked.T:
+        raise ValueError(
+            f"sample_time = {asked.T:g} s cannot be had: of the plate, whose time constant is"
+            f" {asked.plate.tau:.3g} s, the loop would see no fault in less than {SPARE + 2:g} samples; the"
+            f" longest that can be had is {longest:.3g} s"
+        )
     half_bandwidth, step = asked.plate.half_bandwidth, SignTracker(0.0, 1.0).size
     if asked.method == "paper" and asked.plate.f0 is not None and step > half_bandwidth:
         raise ValueError(
@@ -209,6 +217,26 @@ def unkept(asked: Asked, bandwidth: float, lead: bool = False) -> str:
     return (
         f"amplitude = {asked.amplitude:g} cannot be had: more than 1 % of the plates that the logs allow do"
         f" not come within 5 % of it{said}; {offer}"
+    )
+
+
+def abrupt(asked: Asked, bandwidth: float, machine: Machine) -> str | None:
+    """That the design's finger ends the drive where it comes or goes at once, and how slowly it may; None
+    where it does not. What a PI leaves of a finger p goes with the time constant t of its loop: of p/(1 + p)
+    with (1 + p) t as it comes, of p with t as it goes. The readings are late besides, and their mean; the
+    plate takes a time constant to follow its finger. Where p grows by r a second it is off by r t: here by
+    half of what it may be."""
+    if asked.method == "adaptive" or asked.ranged.finger == 0.0:  # it learns the damping, ahead of its loop
+        return None
+    slow, p, late = 1 / (2 * math.pi * bandwidth), asked.ranged.finger, asked.delay
+    low = (1 + p) * slow * math.log(max(p / (1 + p) / NEAR, 1.0)) + late + asked.T / machine.memory
+    high = slow * math.log(max(p / (CEILING - 1), 1.0)) + late + asked.plate.tau
+    if low <= machine.follows * asked.T and high <= asked.patience * asked.T:
+        return None
+    return (
+        f"a finger of {p:g} that comes or goes at once ends the drive: the loop, of {bandwidth:.3g} Hz, makes"
+        f" up for it so slowly that the amplitude is off for longer than the guard waits; one that takes"
+        f" {2 * p * slow / NEAR:.2g} s to come, and to go, does not"
     )
 
 

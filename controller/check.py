@@ -18,6 +18,9 @@ BAND = 0.05  # about the last amplitude, within which it counts as settled
 LAST = 0.2  # share of the rows that are its end
 ROWS = 9  # of which the median is little disturbed by noise
 NOISE = 4.0  # standard deviations of a row about the end, for which noise may carry it beyond a promise
+# Of what is left about the end, at one frequency, that is no noise: of the 30 frequencies of SWINGING rows
+# three neighbours have so much by chance once in a thousand.
+TONAL, SWINGING = 0.5, 60
 # A voltage that has risen: above what the loop makes of the noise, which is at rest what it is at the end,
 # and above a share of the largest. From rest the voltage goes at once to the steady one and beyond, so that
 # half of that has risen, however noisy.
@@ -42,8 +45,8 @@ class Finding(NamedTuple):
 
 class _Record(NamedTuple):
     """A record and the controller.json that predicts it: from `begin`, the last row before the voltage rises,
-    to `end`, from which on the amplitude is at its `target`, with a standard deviation of `noise`; `row`: s
-    from one to the next."""
+    to `end`, from which on the amplitude is at its `target`, with a standard deviation of `noise` beside a
+    `swing` of so much at so many Hz, zero where there is none; `row`: s from one to the next."""
 
     controller: Mapping[str, Any]
     log: Log
@@ -52,6 +55,7 @@ class _Record(NamedTuple):
     target: float
     noise: float
     row: float
+    swing: tuple[float, float]
 
     @classmethod
     def of(cls, controller: Mapping[str, Any], log: Log) -> "_Record":
@@ -60,8 +64,10 @@ class _Record(NamedTuple):
             raise LogError(f"{log.name}: a record of a closed loop: {why}")
         end = int((1 - LAST) * len(log))
         last, row = np.abs(log.response[end:]), float(np.median(np.diff(log.time)))
-        target, noise = float(np.median(last)), float(np.std(last))
-        return cls(controller, log, int(_resting(log, end)[-1]), end, target, noise, row)
+        noise, swing = _swings(last, row)
+        return cls(
+            controller, log, int(_resting(log, end)[-1]), end, float(np.median(last)), noise, row, swing
+        )
 
     @property
     def W(self) -> np.ndarray:
@@ -78,7 +84,7 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
     """The predictions of a controller.json against a record of its loop. Raises LogError for one that cannot
     be judged."""
     record = _Record.of(controller, log)
-    found = [_settling(record), _overshoot(record), _delay(record), _voltage(record)]
+    found = [_settling(record), _overshoot(record), _steady(record), _delay(record), _voltage(record)]
     if controller["plant"]["f0"] is not None and controller["tracker"]:
         found.append(_tracked(record))
         if log.frequency is not None:
@@ -117,6 +123,17 @@ def _resting(log: Log, end: int) -> np.ndarray:
     risen = max(SHARE * np.max(V), min(FLICKER * flicker, RISEN * steady)) < V
     half = int(np.argmax(0.5 * np.median(W[end:]) < W))
     return np.flatnonzero(~risen[: max(half, int(np.argmax(risen)))])
+
+
+def _swings(last: np.ndarray, row: float) -> tuple[float, tuple[float, float]]:
+    """The standard deviation of noise, and how far it swings beside it and at how many Hz."""
+    std = float(np.std(last))
+    power = np.abs(np.fft.rfft((last - np.mean(last)) * np.hanning(len(last)))) ** 2
+    k = int(np.argmax(power))
+    share = float(np.sum(power[max(k - 1, 0) : k + 2]) / max(float(np.sum(power)), 1e-300))
+    if share < TONAL or len(last) < SWINGING:
+        return std, (0.0, 0.0)
+    return std * math.sqrt(1 - min(share, 1.0)), (std * math.sqrt(2 * share), k / (len(last) * row))
 
 
 def _settling(record: _Record) -> Finding | None:
@@ -161,6 +178,16 @@ def _overshoot(record: _Record) -> Finding | None:
     hint = "more delay in the loop than latency_s says, or a sensor with another gain"
     expected = f"at most {100 * promised:.2g} %, and noise"
     return Finding("overshoot", f"{100 * most:.2g} %", expected, kept, hint)
+
+
+def _steady(record: _Record) -> Finding | None:
+    size, f = record.swing
+    if not size:
+        return None
+    share, hint = size / record.target, "the loop oscillates, with more delay or gain than was designed for"
+    found = f"swings by {100 * share:.2g} % at {f:.3g} Hz"
+    hint += "; or what its sensor shows beside the plate does"
+    return Finding("at the end", found, f"at most {100 * BAND:.2g} %", share <= BAND, hint)
 
 
 def _delay(record: _Record) -> Finding | None:

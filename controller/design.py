@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, final
 
 from controller.adaptive import Adaptive
-from controller.bandwidth import Bandwidth, Bound, bandwidth_of, unkept, unpromised
+from controller.bandwidth import Bandwidth, Bound, abrupt, bandwidth_of, unkept, unpromised
 from controller.demodulator import SAMPLES, Demodulator
 from controller.dq import DQ
 from controller.ensemble import Ensemble
@@ -182,11 +182,13 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
     long = None if math.isfinite(promise.settling) else unpromised(asked, law)
     if not math.isfinite(promise.settling) and long is None:
         raise ValueError(unkept(asked, bandwidth.hz, bandwidth.lead))
+    machine = None if safe is None else switched(safe, asked)
+    touched = None if machine is None else abrupt(asked, bandwidth.hz, machine)
     response_unit, drive_unit = units_of(plate.fit)
     return Loop(
         control=calibrated(safe or law, asked),
         law=law,
-        machine=None if safe is None else calibrated(switched(safe, asked), asked),
+        machine=None if machine is None else calibrated(machine, asked),
         demodulator=asked.demodulator,
         method=asked.method,
         G=plate.G,
@@ -209,13 +211,13 @@ def _loop(asked: Asked, bandwidth: Bandwidth, guard: bool) -> Loop:
         drive_unit=drive_unit,
         response_unit=response_unit,
         reference_temperature=getattr(plate.fit, "reference_temperature", None),
-        notes=tuple(_notes(asked, bandwidth.bound, long)),
+        notes=tuple(_notes(asked, bandwidth.bound, long, touched)),
         logs=tuple(fitted.log.sha256 for fitted in getattr(plate.fit, "logs", ()) if fitted.log.sha256),
     )
 
 
-def _notes(asked: Asked, bound: Bound, long: str | None) -> list[str]:
-    plate, found = asked.plate, [] if long is None else [long]
+def _notes(asked: Asked, bound: Bound, *known: str | None) -> list[str]:
+    plate, found = asked.plate, [said for said in known if said is not None]
     if plate.tau < asked.T:
         found.append(
             f"the sample time, {asked.T:g} s, is longer than the plate's time constant, {plate.tau:.3g} s:"

@@ -86,7 +86,7 @@ def parameters(loop: Loop, precision: Precision) -> dict[str, Any]:
     m: Machine = outer.control if isinstance(outer, Calibrated) else outer
     law = m.control.control
     values = _start(m) | _guard_of(m.control) | _law(law) | _tracker(law)
-    values |= {"layout": 3, "sensor_d": getattr(outer, "d", 1.0), "sensor_q": getattr(outer, "q", 0.0)}
+    values |= {"layout": 4, "sensor_d": getattr(outer, "d", 1.0), "sensor_q": getattr(outer, "q", 0.0)}
     d = typed(loop.demodulator or Demodulator(0.0, 1.0, 1.0, 1.0), KINDS[precision])
     names = "demodulator_share=share demodulator_scale=scale sample_most=most sample_patience=patience"
     values |= _of(d, names)
@@ -124,7 +124,7 @@ def _start(m: Machine) -> dict[str, Any]:
 def _guard_of(g: Guard) -> dict[str, Any]:
     names = "patience samples repeats doubts ceiling ceiling_least=least dead_share=floor dead_least=quiet"
     names += " frequency_lowest=lowest frequency_highest=highest guard_gain=gain guard_decay=decay"
-    return _of(g, f"{names} guard_edge=edge guard_turn=turn guard_memory=memory")
+    return _of(g, f"{names} guard_edge=edge guard_turn=turn guard_memory=memory jump jumps")
 
 
 def _law(law: Any) -> dict[str, Any]:

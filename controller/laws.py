@@ -48,6 +48,9 @@ OBSERVER = 5e-4, 2e-4
 CEILING, HEADROOM = 1.35, 1.25
 FITS = 0.1  # by which the voltage in lock may be off, as the amplitude may
 HEAVY = 1.5  # damping, of the plate's own, that is taken for a finger in run, whatever range was designed for
+# Of the amplitude, from one reading to the next: noise of 5 % in each of Wd and Wq moves one of them by 0.07.
+# What a plate moves by itself is a heavy finger's damping, and as much of a resonance that lies beside.
+ROOM = 0.15
 # s, and time constants, for which a loop in run may be off, or at the end of its voltage
 FOLLOW_AFTER, FOLLOWS = 0.1, 20.0
 # Of its limit, the swing of a voltage that oscillates: a reading's noise of 5 % makes it move by 0.1 rms.
@@ -236,6 +239,8 @@ def guarded(control: DQ | Adaptive, asked: Asked) -> Guard:
         edge=0.0 if source is None else 1.1 * source.step,
         turn=2 * math.pi * plate.tau * decay, memory=-math.expm1(-T / (MEMORY * period)),
         doubts=float(math.ceil(DOUBTS * period / T)), samples=samples if samples >= FEWEST else 0.0,
+        jump=min(decay * abs(plate.G) * asked.voltages()[1] + ROOM * asked.amplitude, NO_LIMIT),
+        jumps=decay * (1.0 + 2.0 * max(asked.ranged.finger, HEAVY)), slew=asked.rig.slew(T),
     )  # fmt: skip
 
 

@@ -242,9 +242,10 @@ class Machine(NamedTuple):
         """The counts of this sample, and the machine's own fault."""
         was = state.mode
         close, suits = self._near(was, held, means, asked, xp), self._fits(was, held, means, xp)
+        waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
         near = state.counts.near
         near = xp.where(close & suits, near + 1.0, xp.where((was == FIND) & (near > 0.0), near - 1.0, 0.0))
-        waits = ((was == FIND) | (was == LOCK)) & (asked > 0.0)
+        near = xp.where(waits, near, 0.0)
         waited = counted(waits, state.counts.waited, xp)
         off, follow = self._off(state, held, means, xp)
         swung, since, side = self._swung(state, means, voltage, most, xp)

@@ -198,6 +198,15 @@ def test_a_missing_delay_is_named(more):
     assert more == 0.0 or abs(number(found["delay"].hint, " us more") - 1e6 * more) < 20
 
 
+@pytest.mark.parametrize(("share", "swings"), [(0.8, False), (1.2, True)])
+def test_a_loop_that_oscillates_is_said_to(share, swings):
+    """Beyond its delay margin. It was taken for noise, within which it had settled at once."""
+    late = dataclasses.replace(LOOP, latency=LOOP.latency + share * LOOP.promise.delay)
+    found = verdicts(run(loop=late))
+    assert (found.get("at the end", True), found["settled to 5 %"]) == (not swings, False)
+    assert found["overshoot"] is False
+
+
 def test_a_loop_that_is_not_as_designed_is_told_by_what():
     damped = verdicts(run(Plant(0.012, 0.6 * TAU, 32300.0, -10.16)))
     assert not damped["voltage at the end"]

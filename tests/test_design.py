@@ -312,6 +312,18 @@ def test_the_paper_s_steps_are_refused_where_the_plate_is_narrower():
     assert math.isfinite(controller.design(slow, sample_time=1e-2).promise.settling)
 
 
+@pytest.mark.parametrize("given", [{"sample_time": 10.0}, {"rig": Rig(sample_time=1.0)}])
+def test_a_sample_time_in_which_nothing_is_seen_is_refused(given):
+    """As of a number in us that was taken for s. What the message offers can be had: six samples of it last
+    as long as a loop that runs may be off, 0.1 s."""
+    with pytest.raises(ValueError, match=r"sample_time = .* the longest that can be had") as refused:
+        controller.design(PLATE, **given)
+    longest = float(str(refused.value).split()[-2])
+    assert longest == pytest.approx(0.1 / 6, rel=0.01)
+    assert controller.design(PLATE, sample_time=0.99 * longest).control.patience * longest < 0.13
+    assert math.isfinite(controller.design(Plant(0.02, 10.0, 32300.0), sample_time=10.0).promise.settling)
+
+
 def test_a_promise_that_would_take_too_long_says_which_sample_time_has_one():
     slow = Plant(0.02, 2.0, 200.0, 0.0)
     loop = controller.design(slow)

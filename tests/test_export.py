@@ -97,7 +97,7 @@ def designed(source=PLATE, **given):
     machine = loop.machine.control if hasattr(loop.machine, "d") else loop.machine
     quick = {"patience": 5.0, "ramp": loop.amplitude / 20, "limit": 400.0, "fits": (0.0, 1e3, 1e3)}
     quick |= {"headroom": 1.5, "heaviest": 5.0}
-    guard = machine.control._replace(ceiling=4.0)
+    guard = machine.control._replace(ceiling=4.0, jump=2.0 * loop.amplitude)
     follows, swings = (150.0, 200.0) if loop.method == "adaptive" else (90.0, 12.0)
     return inner(loop, control=guard, follows=follows, swings=swings, **quick)
 
@@ -238,6 +238,24 @@ def test_parameters_are_checked_when_they_are_set(tmp_path):
     lines.append("    return dq_set(&s, &p) != DQ_PARAMS_OK || s.params.kp < good.kp;")
     main = program("\n".join(lines)).replace("#include <stdio.h>", "#include <math.h>\n#include <stdio.h>")
     run(compiled(designed(), tmp_path, "single", main), b"")
+
+
+def test_no_count_grows_while_a_sound_loop_runs(tmp_path):
+    """At 10 kHz 2^31 samples are 60 hours: a number that goes up in each of them overflows then."""
+    counts = "near waited off swung missing dead above edge turned clips"
+    body = """
+    int k;
+    if (dq_init(&s, &p) != DQ_PARAMS_OK) return 1;
+    in.reference = p.amplitude; in.share = 1; in.temperature = 24; in.enable = 1; s.mode = DQ_MODE_RUN;
+    s.integral = s.output = s.mean_voltage = s.voltage = p.amplitude / p.gain;
+    s.mean_d = s.mean_asked = p.amplitude;
+    for (k = 0; k < 1000; k++) {
+        in.wd = p.amplitude * ((dq_real)1 + (dq_real)0.001 * (dq_real)(k % 3));
+        if (dq_step(&s, &in).mode != DQ_MODE_RUN)
+            return 1;
+    }
+""" + "\n".join(f"    if (s.{name} > 3) return __LINE__;" for name in counts.split())  # fmt: skip
+    run(compiled(designed(), tmp_path, "double", program(body), *SANITIZERS), b"")
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])

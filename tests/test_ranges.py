@@ -97,3 +97,24 @@ def test_a_few_clipped_rows_are_no_chance():
         fit = sysid.fit([sweep(seed, 0.98)])
         assert fit.result is Result.misfit and "rows lie exactly at 0.98" in " ".join(fit.warnings)
         assert sysid.fit([sweep(seed, np.inf)]).result is Result.successful
+
+
+def railed(level, most):
+    """Two steps and a ring-down of 40 time constants each, of which no reading exceeds `most`; a file's ten
+    digits."""
+    rows, rng = 2000, np.random.default_rng(0)
+    time, drive = DT * np.arange(rows), np.repeat([0.0, 1.0, 0.5, 1.0], rows // 4)
+    w = reference.ringing(PLANT, time, drive, np.full(rows, PLANT.f0), np.full(rows, 24.0))
+    w = np.minimum(w.real + level * rng.standard_normal(rows), most) + 1j * level * rng.standard_normal(rows)
+    log = sysid.Log(
+        "railed", np.round(w, 10), time=time, drive=drive, frequency=np.full(rows, PLANT.f0), kind="transient"
+    )
+    return recorder.clipped(Trial.of(log, "transient"))
+
+
+def test_a_response_that_settles_without_noise_is_not_clipped():
+    """It repeats itself for hundreds of rows; with noise nothing does, but at a rail."""
+    assert railed(0.0, np.inf) is None
+    assert railed(1e-4, np.inf) is None
+    for most in (0.9, 0.9999):
+        assert f"at {most:g} in d" in railed(1e-4, most)

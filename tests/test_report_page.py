@@ -38,6 +38,15 @@ ZOOMABLE = ("controller_zoomable", "hostile_zoomable", "sixty_zoomable")
 BEYOND = """[...document.querySelectorAll('body *')].filter(e => !e.closest('svg, thead, .beyond') && e.getClientRects().length
   && e.getBoundingClientRect().right > document.documentElement.clientWidth + 1).map(e => e.outerHTML.slice(0, 100))"""
 
+# Words of tables that go on in a second line; names may be of any length.
+BROKEN = """[...document.querySelectorAll('td:not(.name)')].flatMap(cell => [...cell.childNodes])
+  .filter(node => node.nodeType === 3).flatMap(node => [...node.data.matchAll(/\\S+/g)].filter(word => {
+    const range = document.createRange();
+    range.setStart(node, word.index);
+    range.setEnd(node, word.index + word[0].length);
+    return new Set([...range.getClientRects()].map(box => box.top)).size > 1;
+  }).map(word => word[0]))"""
+
 
 @pytest.fixture(scope="module")
 def browser():
@@ -181,6 +190,11 @@ def test_nothing_is_cut_asked_for_or_complained_of(reports, look, name, view):
     assert wide <= there and not seen.page.evaluate(BEYOND)
     assert not seen.complaints
     assert [url for url in seen.requests if not url.startswith("data:")] == [reports[name].as_uri()]
+
+
+def test_no_word_of_a_lot_s_tables_is_broken_on_a_phone(reports, look):
+    """Where a table does not fit, it is moved: "succes/sful" and "um/ V" stood there."""
+    assert look(reports["lot"], "phone").page.evaluate(BROKEN) == []
 
 
 def test_its_own_rules_let_it_do_nothing(reports, browser):

@@ -64,6 +64,7 @@ def test_units_are_those_of_the_keys(scene_file):
         ("[10e-3", "[4e-3", "inputs.force_mN.ramp: .*times that increase"),
         ("[log]", "[lag]", "lag: .*did you mean 'log'"),
         ("rate_kHz = 10", "rate_kHz = true", "log.rate_kHz: found True, expected a number"),
+        ("rate_kHz = 10", "rate_kHz = 10\nrows = 5", "log.duration.*: found log.rows as well"),
         ("G_nm_per_V = 20", "", "plant.G: found nothing"),
         ("tau_ms = 1.669", "tau_ms = -1", "plant: .*both above zero"),
         ("frequency_kHz = 32.3\n", "", "no profile of the frequency"),

@@ -142,7 +142,7 @@ static int guard_is_sound(const dq_params *p)
         && count(p->swing_time) && within(p->swing, C(0.01), C(2)) && within(p->ceiling, C(1), C(10))
         && within(p->ceiling_least, C(0), LARGEST) && share(p->dead_share) && within(p->dead_least, C(0), LARGEST)
         && p->guard_gain > C(0) && share(p->guard_decay) && within(p->guard_edge, C(0), LARGEST) && finite_real(p->guard_turn)
-        && share(p->guard_memory);
+        && share(p->guard_memory) && p->jump > C(0) && within(p->jumps, C(0), LARGEST);
 }
 
 static int start_is_sound(const dq_params *p)
@@ -421,7 +421,18 @@ static int drive_moved(const dq_state *s, dq_real frequency)
     return moved > enough || moved < -enough || turned > far || turned < -far;
 }
 
-static void suspect_reading(dq_state *s, reading W, dq_real frequency, int clipped)
+/* Whether a reading is there, and one that the plate can have come to since the last; steps may not have come. */
+static int believed(const dq_state *s, reading W)
+{
+    const dq_params *p = &s->params;
+    const dq_real step = p->jump + p->jumps * (size_of(s->last_d) + size_of(s->last_q));
+    const dq_real most = step * (s->arrived > C(1) ? s->arrived : C(1));
+    const dq_real d = W.d - s->last_d, q = W.q - s->last_q;
+
+    return W.there && !(d > most || d < -most || q > most || q < -most);
+}
+
+static void suspect_reading(dq_state *s, reading W, int there, dq_real frequency, int clipped)
 {
     const dq_params *p = &s->params;
     const dq_real size = W.d * W.d + W.q * W.q;
@@ -429,7 +440,7 @@ static void suspect_reading(dq_state *s, reading W, dq_real frequency, int clipp
     const dq_real low = p->dead_share * (makes < s->expected ? makes : s->expected), high = s->allowed;
     const int repeated = W.there && same(W.d, s->last_d) && same(W.q, s->last_q);
 
-    s->missing = W.there ? 0 : s->missing + 1;
+    s->missing = there ? 0 : s->missing + 1;
     if (W.there) {
         s->dead = size < low * low && low > p->dead_least ? s->dead + 1 : 0;
         s->above = size > high * high ? s->above + 1 : 0;
@@ -469,8 +480,6 @@ static int32_t suspected(const dq_state *s)
 {
     const dq_params *p = &s->params;
 
-    if (s->missing >= p->patience || s->behind >= (dq_real)p->patience)
-        return DQ_FAULT_MISSING;
     if (s->dead >= p->patience)
         return DQ_FAULT_DEAD;
     if (s->stuck >= p->repeats)
@@ -481,11 +490,13 @@ static int32_t suspected(const dq_state *s)
         return DQ_FAULT_EDGE;
     if (s->turned >= p->doubts)
         return DQ_FAULT_REVERSED;
-    return s->clips >= p->patience ? DQ_FAULT_CLIPPED : DQ_FAULT_NONE;
+    if (s->clips >= p->patience)
+        return DQ_FAULT_CLIPPED;
+    return s->missing >= p->patience || s->behind >= (dq_real)p->patience ? DQ_FAULT_MISSING : DQ_FAULT_NONE;
 }
 
 /* Brings the command within its limits, and says which fault there is. */
-static int32_t supervise(dq_state *s, const request *asked, reading W, int clipped, command *c)
+static int32_t supervise(dq_state *s, const request *asked, reading W, int there, int clipped, command *c)
 {
     const dq_params *p = &s->params;
     const int tracks = p->tracker != DQ_TRACKER_NONE;
@@ -503,19 +514,25 @@ static int32_t supervise(dq_state *s, const request *asked, reading W, int clipp
     }
     highest = faded > highest ? faded : highest;
     s->allowed = highest;
-    suspect_reading(s, W, c->frequency, clipped);
+    /* The mean over a time constant holds the plate where it is; nothing, where it may be far above. */
+    if (!there && !asked->open)
+        c->voltage = W.there && W.d * W.d + W.q * W.q > highest * highest ? C(0) : s->holds;
+    suspect_reading(s, W, there, c->frequency, clipped);
     suspect_samples(s);
-    if (W.there) {
+    if (there) {
         s->last_d = W.d;
         s->last_q = W.q;
     }
     if (tracks)
         suspect_answer(s, c->frequency, asked->frozen);
     fault = suspected(s);
+    /* Also where a reading is believed anew: the law goes on from where it was. */
+    c->voltage = clip(c->voltage, s->voltage - p->voltage_slew, s->voltage + p->voltage_slew);
     c->voltage = clip(c->voltage, -asked->highest, asked->highest);
     if (fault != DQ_FAULT_NONE || !finite_real(c->voltage))
         c->voltage = C(0);
     s->expected = s->expected + p->guard_decay * (p->guard_gain * size_of(c->voltage) - s->expected);
+    s->holds = s->holds + p->guard_decay * (c->voltage - s->holds);
     s->voltage = c->voltage;
     return fault;
 }
@@ -549,7 +566,7 @@ static void rest(dq_state *s)
         s->past_d[k + 1] = s->past_q[k + 1] = C(0);
     }
     s->missing = s->dead = s->stuck = s->above = s->edge = s->turned = s->clips = 0;
-    s->expected = s->allowed = s->last_d = s->last_q = s->since_voltage = s->voltage = s->mean_seen_q = s->moves = C(0);
+    s->expected = s->holds = s->allowed = s->last_d = s->last_q = s->since_voltage = s->voltage = s->mean_seen_q = s->moves = C(0);
     s->behind = C(0);
     s->since_frequency = s->mean_frequency = p->f0 + first;
 }
@@ -780,7 +797,7 @@ static int32_t machine_fault(dq_state *s, int32_t found, dq_real asked, dq_real 
     const int32_t follow = follow_fault(s), swings = swing_fault(s, voltage, highest);
 
     /* In find it leaks, as half of the small amplitude may be noise; in lock it has to be so without a break. */
-    s->near = close && suits ? s->near + 1 : s->mode == DQ_MODE_FIND ? s->near - (s->near > 0) : 0;
+    s->near = !waits ? 0 : close && suits ? s->near + 1 : s->mode == DQ_MODE_FIND ? s->near - (s->near > 0) : 0;
     s->waited = waits ? s->waited + 1 : 0;
     if (found != DQ_FAULT_NONE)
         return found;
@@ -793,21 +810,23 @@ static int32_t machine_fault(dq_state *s, int32_t found, dq_real asked, dq_real 
 static int32_t drive(dq_state *s, const dq_input *in, reading W, const request *r, command *c)
 {
     const dq_params *p = &s->params;
+    reading told = W;
 
+    told.there = believed(s, W);
     if (r->open) {
         *c = r->stated;
     } else if (p->law == DQ_LAW_ADAPTIVE) {
-        *c = adaptive_law(s, r, W, s->told);
+        *c = adaptive_law(s, r, told, s->told);
     } else {
         const int braked = p->kp > C(0) ? s->output < C(0) : s->output > C(0);
         dq_real offset = s->offset;
 
-        c->voltage = amplitude_loop(s, r, W);
+        c->voltage = amplitude_loop(s, r, told);
         if (p->tracker != DQ_TRACKER_NONE && !r->frozen)
-            offset = track(s, r, W, s->told, braked);
+            offset = track(s, r, told, s->told, braked);
         c->frequency = p->f0 + offset;
     }
-    return supervise(s, r, W, in->clipped != 0, c);
+    return supervise(s, r, W, told.there, in->clipped != 0, c);
 }
 
 static reading corrected(const dq_params *p, const dq_input *in)

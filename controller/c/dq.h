@@ -37,7 +37,7 @@ typedef double dq_real;
 #else
 typedef float dq_real;
 #endif
-#define DQ_LAYOUT 3u   /* of dq_params: what was saved to flash by another layout is refused */
+#define DQ_LAYOUT 4u   /* of dq_params: what was saved to flash by another layout is refused */
 #define DQ_DELAY_MAX 8 /* samples that a command may be on its way, at most */
 
 /* --- What is asked for, and what is said ------------------------------------------------------------------------------ */
@@ -62,7 +62,7 @@ typedef enum {
 
 typedef enum {
     DQ_FAULT_NONE = 0,
-    DQ_FAULT_MISSING = 1,     /* no finite reading; too few samples between two steps, or steps that do not come */
+    DQ_FAULT_MISSING = 1,     /* no finite reading, or none that a plate can have come to; too few samples, or steps */
     DQ_FAULT_DEAD = 2,        /* the sensor shows next to nothing of what is driven */
     DQ_FAULT_STUCK = 3,       /* the same reading to the last bit, though the drive has moved */
     DQ_FAULT_ABOVE = 4,       /* an amplitude well above what is asked for */
@@ -175,6 +175,8 @@ typedef struct {
     dq_real guard_edge;   /* Hz */
     dq_real guard_turn;   /* 2 pi tau guard_decay */
     dq_real guard_memory; /* weight of the latest in a mean */
+    dq_real jump;         /* from reading to reading: more than this, and than `jumps` of the last |W|, no plate moves in a step */
+    dq_real jumps;
 
     /* Start. */
     dq_real find;      /* amplitude to begin with */
@@ -247,7 +249,7 @@ typedef struct {
     int32_t missing, dead, stuck, above, edge, turned, clips;
     uint32_t samples;
     dq_real arrived, behind; /* steps: of samples since the one before; by which samples, or steps, stay away */
-    dq_real expected, allowed, last_d, last_q, since_voltage, since_frequency, voltage, mean_frequency, mean_seen_q, moves;
+    dq_real expected, holds, allowed, last_d, last_q, since_voltage, since_frequency, voltage, mean_frequency, mean_seen_q, moves;
 } dq_state;
 
 /* Off, without a fault, with a copy of the parameters; whether they are as they can be: if not, it stays in a fault. */

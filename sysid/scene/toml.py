@@ -66,6 +66,8 @@ class Reader:
             rows = round(self.number("log", log, "duration", "s") * rate) + 1
         elif not isinstance(rows, int) or isinstance(rows, bool):
             self.refuse("log.rows", repr(rows), "a whole number")
+        elif duration := self.key(log, "duration"):
+            self.refuse(f"log.{duration}", "log.rows as well", "one of them")
         fidelity = document.get("fidelity", "exact")
         if fidelity not in FIDELITIES:
             self.refuse("fidelity", fidelity, " or ".join(FIDELITIES))

@@ -18,7 +18,9 @@ AROUND = 4  # rows on each side of it, with two second differences, whose inputs
 ASKEW = 0.5  # rad, by which the phase may turn at a range that is changed: noise and bend, no change of sign
 AS_IF = 0.05  # of a power of ten, by which a jump is off it: a tenth of the response
 TIED = 3  # rows on the largest value where no other two rows are alike: noise makes no ties
-NOISY = 1e-6  # of the response, from which it is noise that parts rows, not a settling response
+# of the response, from which it is noise that parts rows: without, a settled response repeats itself, as it
+# does at a rail
+NOISY = 1e-6
 CLIPPED = 0.02  # share of the rows that lie on one value, its largest or smallest, when a channel is clipped
 
 
@@ -35,19 +37,25 @@ def clipped(trial: Trial) -> str | None:
     sides = [(1, *one) for one in zip(channels, names, strict=True)]
     sides += [(-1, c, name) for _, c, name in sides if trial.signed]
     for sign, channel, name in (*sides, (1, np.abs(y), " in amplitude" if len(channels) > 1 else "")):
-        values, count = np.unique(np.round(sign * channel / trial.scale, 9), return_counts=True)
-        if len(values) <= 20 or values[-1] == 0:
+        rows = np.round(sign * channel / trial.scale, 9)
+        values, count = np.unique(rows, return_counts=True)
+        if len(values) <= 20 or values[-1] == 0 or _rough(rows[rows < values[-1]]) < NOISY:
             continue
         beyond = count[-1] > max(CLIPPED * len(channel), 4) and count[-1] > max(
             5 * np.median(count), 2 * np.max(count[-6:-1])
         )
-        tied = count[-1] >= TIED and np.max(count[:-1]) == 1 and trial.noise.std > NOISY * trial.scale
-        if beyond or tied:
+        if beyond or (count[-1] >= TIED and np.max(count[:-1]) == 1):
             return (
                 f"saturated: {count[-1]} rows lie exactly at {sign * values[-1] * trial.scale:.4g}{name};"
                 f" record it again within the range"
             )
     return None
+
+
+def _rough(rows: np.ndarray) -> float:
+    """Standard deviation of the noise of `rows`, where most of them lie on curves: third differences have 20
+    times its variance, and half of all lie within 0.67 of it."""
+    return float(np.median(np.abs(np.diff(rows, 3)))) / (0.67 * 20**0.5)
 
 
 def ranged(trial: Trial) -> str | None:

@@ -12,6 +12,7 @@ static int guarded = 1;
 /* Parameters with which nothing is called a fault, so that a loop may be seen to oscillate. */
 static dq_params unguarded(dq_params p)
 {
+    p.jump = (dq_real)1e30;
     p.patience = p.repeats = p.doubts = p.follows = p.swings = NEVER;
     p.ceiling = 10;
     return p;
