@@ -228,8 +228,8 @@ def _with_words(
         )
         (alarms if doubts or not hinted else notes).append(finding.sentence)
     known = {f.key for f in told.findings}
-    notes += wording.assumed([a for a in found.judged.looked.assumed() if a.key not in known])
-    return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
+    assumed = tuple(a for a in found.judged.looked.assumed() if a.key not in known)
+    return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes), assumed=assumed)
 
 
 def _spanning(question: FitProblem, found: Fit) -> Fit:

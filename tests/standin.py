@@ -68,7 +68,7 @@ def posterior(logs=None, result=Result.successful, missing=(), ess=1300.0, modes
     told = {"parameters": found, "units": UNITS, "reference_temperature": 24.0, "warnings": (), "priors": {}}
     names = tuple(MEANS)
     covariance = np.diag([STDS[name] ** 2 for name in names])
-    told |= {"notes": (), "findings": (), "modes": ()}
+    told |= {"notes": (), "findings": (), "assumed": (), "modes": ()}
     fit = SimpleNamespace(logs=logs, result=result, names=names, covariance=covariance, **told)
     off = {
         name: SimpleNamespace(value=0.002 * STDS[name], std=0.001 * STDS[name], low=0.0, high=0.0)

@@ -1,6 +1,5 @@
 """Errors span effects that logs allow and do not show, by the evidence of each."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +13,9 @@ from sysid.effects.effect import About
 from sysid.model.theta import NAMES
 from sysid.trials.trial import NUISANCES
 from sysid.verdict import averaged as averaging
-from sysid.verdict import misfit
+from sysid.verdict import misfit, wording
 from sysid.verdict.averaged import Allowed, Average, Hint, averaged
+from sysid.verdict.finding import Assumed
 from sysid.verdict.linear import USUAL, Linear
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.terms import terms
@@ -193,26 +193,31 @@ def damped(bench, volts, power, taken=0.1):
     return sysid.Log(f"at {volts:g} V", clean * 1j + noise[0] + 1j * noise[1], None, *each)
 
 
-def assumed(fit):
-    return [n for n in fit.notes if "would not show here" in n]
-
-
 def test_a_sweep_at_one_level_tells_what_it_takes_not_to_be_there(bench):
     """As much damping by the amplitude as the note says moves the fit as far as it says, to first order."""
     plain = sysid.fit([damped(bench, 100.0, 2, 0.0)])
-    (said,) = assumed(plain)
-    assert "record other levels of the drive" in said
-    share = float(re.search(r"amplitude damping \((\d+) %\)", said).group(1)) / 100
-    stated = {n: float(x) / 100 for n, x in re.findall(r"(G|tau) by ([\d.]+) %", said)}
-    found = sysid.fit([damped(bench, 100.0, 1, share)], effects="rotation,offset,background").parameters
-    assert set(stated) == {"G", "tau"}
-    for name, size in stated.items():
+    (told,) = [a for a in plain.assumed if a.key == "amplitude_damping"]
+    assert told.logs == ("at 100 V",) and told.shown_by == "other levels of the drive"
+    found = sysid.fit([damped(bench, 100.0, 1, told.share)], effects="rotation,offset,background").parameters
+    assert set(told.moves) == {"G", "tau"}
+    for name, size in told.moves.items():
         moved = abs(np.log(found[name].value / plain.parameters[name].value))
-        # the share has one digit, of which the last may be half off; and what moves it is of first order
-        assert moved == pytest.approx(size, rel=0.35)
+        assert moved == pytest.approx(size, rel=0.25)  # what moves it is of first order
 
 
 def test_what_shows_is_not_taken_not_to_be_there(bench):
     """Two levels of the drive show damping by the amplitude."""
     found = sysid.fit([damped(bench, 100.0, 2, 0.0), damped(bench, 30.0, 2, 0.0)])
-    assert not [n for n in assumed(found) if "damping" in n]
+    assert "amplitude_damping" not in {a.key for a in found.assumed}
+
+
+def test_what_is_assumed_is_one_sentence():
+    each = [
+        Assumed("saturation", ("a", "b"), "other levels of the drive", 0.02, {"G": 0.031}),
+        Assumed("saturation", ("b",), "other levels of the drive", 0.05, {"G": 0.011}),
+        Assumed("amplitude_damping", ("b",), "other levels of the drive", 0.03, {"tau": 0.01, "f0": 3.4}),
+    ]
+    assert wording.assumed(each) == [
+        "a, b: taken as without saturation (5 %), amplitude damping (3 %); as much of the response would not"
+        " show here, and would move G by 3.1 %, tau by 1 %, f0 by 3.4 Hz; record other levels of the drive"
+    ]

@@ -206,7 +206,6 @@ REFUSED = {
     "units missing": ("time,wd,wq\ns,,um\n0,1,2\n1,1,2\n", "no unit"),
     "semicolons above, commas below": (TEXT.replace(HEADER, SEMICOLONS), "line 2"),
     "commas above, semicolons below": (TEXT.replace(",", ";").replace(SEMICOLONS, HEADER), "line 2"),
-    "vertical bars": (TEXT.replace(",", "|"), "no response"),
     "full-width commas": (TEXT.replace(",", "，"), "no response"),
     "quote over two lines": ('time_s,w_um,note\n0,1,"a\nb"\n1,2,c\n', ""),
     "quote that swallows rows": (

@@ -72,10 +72,11 @@ def _by_place(head: Head) -> _Groups | None:
     each group of columns tells it."""
     names = [re.sub(r"\.\d+$", "", name) for name in head.names]
     seen: Counter[str] = Counter()
+    alike = Counter(names)
     pairs = []
     for name in names:
         seen[name] += 1
-        pairs.append((name, str(seen[name]) if names.count(name) > 1 else ""))
+        pairs.append((name, str(seen[name]) if alike[name] > 1 else ""))
     found = _grouped(pairs)
     if not found or not _own(found):
         return None

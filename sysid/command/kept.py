@@ -35,7 +35,7 @@ from sysid.trials.bench import Bench, Extra
 from sysid.trials.noise import Level
 from sysid.trials.trial import Trial
 from sysid.trials.whitening import Jitter, Noise
-from sysid.verdict.finding import Finding
+from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.fitted import Fit, FittedLog
 from sysid.verdict.result import Parameter, Result
 
@@ -43,7 +43,7 @@ TYPES = {
     t.__name__: t
     for t in (
         *(Posterior, Estimate, Fit, FittedLog, Parameter, Result, State, Plant, Prior),
-        *(Trial, Bench, Log, Hold, Noise, Level, Jitter, Extra, Finding, Number),
+        *(Trial, Bench, Log, Hold, Noise, Level, Jitter, Extra, Finding, Assumed, Number),
     )
 }
 TIMES = ("seconds", "pace", "exact_pace")  # of a run, which the same result does not share

@@ -58,6 +58,7 @@ def document(
     written; `created` and `cost` alone differ from run to run."""
     from sysid.posterior.change import covariance, plate_of
     from sysid.report.text import derived, verdict
+    from sysid.verdict import wording
 
     fit, plate = posterior.fit, plate_of(posterior.fit)
     parameters = {name: _parameter(p) for name, p in posterior.summary().items()}
@@ -75,7 +76,7 @@ def document(
         "reference_temperature_degC": fit.reference_temperature,
         "uncertainty": _uncertainty(posterior),
         "warnings": list(warnings),
-        "notes": list(fit.notes),
+        "notes": [*fit.notes, *wording.assumed(fit.assumed)],
         "findings": [finding(f) for f in fit.findings],
         "logs": [
             _log(fitted, own) for fitted, own in zip(fit.logs, added or [{}] * len(fit.logs), strict=True)

@@ -15,7 +15,7 @@ from sysid.rows.condense import taken
 from sysid.shown import Shown
 from sysid.trials.noise import Level
 from sysid.verdict import wording
-from sysid.verdict.finding import Finding
+from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.flank import Flank, seen
 from sysid.verdict.result import Parameter, Result
 
@@ -59,6 +59,7 @@ class Fit(Shown):
     )  # that were stated: value and standard deviation
     notes: tuple[str, ...] = ()  # what is only information: nothing is asked for
     findings: tuple[Finding, ...] = ()  # what the logs show besides plant, bench and noise
+    assumed: tuple[Assumed, ...] = ()  # what they would not show, and is taken not to be there
     judged: Any = field(default=None, repr=False)  # while the fit goes on, what its minimum leaves
     lone: dict[str, str] = field(
         default_factory=dict, repr=False
