@@ -192,14 +192,19 @@ def _together(question: FitProblem, found: Fit) -> Fit:
     that may hold more than they show: of what may be there, as far as it leaves them determined."""
     differ, said = dispersion(found.modes[0], found.reference, found.names)
     differ = differ + question.dispersion
-    hints = found.judged.looked.average(found.modes[0], found.reference)
-    for covariance, hinted in ((differ + hints.covariance, True), (differ, False)):
+    looked = found.judged.looked.in_colour(found.modes[0], found.reference)
+    hints = looked.average()
+    told, spanned, hinted = found, False, False
+    for covariance, both in ((differ + hints.covariance, True), (differ, False)):
         if not np.any(covariance):
             break
-        told = _wider(question, found, covariance, bool(np.any(differ)))
-        if told.result is Result.successful or not (said or hints.hint):
-            return _with_words(told, found, said, True, hints.hint, hinted)
-    return _with_words(found, found, said, False, hints.hint, False)
+        wider = _wider(question, found, covariance, bool(np.any(differ)))
+        if wider.result is Result.successful or not (said or hints.hint):
+            told, spanned, hinted = wider, True, both
+            break
+    told = _with_words(told, said, spanned, hints.hint, hinted)
+    known = {f.key for f in told.findings}
+    return replace(told, assumed=tuple(a for a in looked.assumed() if a.key not in known))
 
 
 def _wider(question: FitProblem, found: Fit, covariance: np.ndarray, anew: bool) -> Fit:
@@ -211,11 +216,9 @@ def _wider(question: FitProblem, found: Fit, covariance: np.ndarray, anew: bool)
     return replace(again, notes=(*again.notes, *found.notes))
 
 
-def _with_words(
-    told: Fit, found: Fit, differ: Sequence[Said], spanned: bool, hint: Hint | None, hinted: bool
-) -> Fit:
-    """The fit as it is told, with what is said of logs that `differ`, of what there may be by a `hint`, which
-    its errors span or not, and of what is taken not to be there."""
+def _with_words(told: Fit, differ: Sequence[Said], spanned: bool, hint: Hint | None, hinted: bool) -> Fit:
+    """The fit with what is said of logs that `differ` and of what there may be by a `hint`, which its errors
+    span or not."""
     alarms = [x.told(spanned) for x in differ if x.rare or not spanned]
     notes = [x.told(spanned) for x in differ if spanned and not x.rare]
     doubts = [] if hint is None else [f for f in told.findings if f.outcome == "noted" and hint.about(f)]
@@ -227,9 +230,7 @@ def _with_words(
             warnings=tuple(w for w in told.warnings if w not in sentences),
         )
         (alarms if doubts or not hinted else notes).append(finding.sentence)
-    known = {f.key for f in told.findings}
-    assumed = tuple(a for a in found.judged.looked.assumed() if a.key not in known)
-    return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes), assumed=assumed)
+    return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
 
 def _spanning(question: FitProblem, found: Fit) -> Fit:

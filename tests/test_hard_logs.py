@@ -67,6 +67,17 @@ def test_what_must_come_out(study, name, nuisances):
     assert verdicts.as_it_must(cases.CASES[name], answer), f"must be {cases.CASES[name].must}: {answer}"
 
 
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [("response in nm called um, in one of two", 0), ("frequency recorded off, in one of two", 1)],
+)
+def test_a_second_mode_that_cancels_the_first_is_another_plate(study, name, seed):
+    """Of these seeds such a mode describes the logs as well, whose share is -99 to -100 %."""
+    cases, verdicts = study
+    answer = verdicts.ours(cases.CASES[name], seed)
+    assert verdicts.as_it_must(cases.CASES[name], answer), answer
+
+
 def test_the_catalogue_allows_no_silence(study):
     cases, _ = study
     seen = {name: case for group in cases.GROUPS.values() for name, case in group.items()}

@@ -89,8 +89,8 @@ def _alone(minimiser: Minimiser, trials: tuple[Trial, ...], together: State) -> 
         theta[NAMES.index("f0")] += (theta[k_T] - together.theta[k_T]) * warmth(minimiser, trials)
         theta[k_T] = together.theta[k_T]
         state = beside.refine(trials, theta, ESTIMATED)
-    hints = misfits(state, minimiser.reference, beside.free, None).average(state, minimiser.reference)
-    return replace(state, dispersion=hints.covariance)
+    looked = misfits(state, minimiser.reference, beside.free, None).in_colour(state, minimiser.reference)
+    return replace(state, dispersion=looked.average().covariance)
 
 
 def _found(trials: Sequence[Trial], said: str) -> Finding:

@@ -51,14 +51,16 @@ class Misfits(NamedTuple):
     fit: Linear | None = None
     tried: Sequence[Term] = ()
 
-    def average(self, state: State, reference: tuple[float, float]) -> Average:
+    def in_colour(self, state: State, reference: tuple[float, float]) -> "Misfits":
+        """The same in the noise of its minimum, whatever its colour."""
+        if self.fit is None or not any(t.noise.coloured for t in state.trials):
+            return self
+        views = LinearisedLog.each(state, reference, coloured=True)
+        return self._replace(fit=Linear(views, state, self.fit.names, self.fit.away))
+
+    def average(self) -> Average:
         """What the terms that are not found add to the errors of their minimum."""
-        if self.fit is None:
-            return Average.none()
-        fit = self.fit
-        if any(t.noise.coloured for t in state.trials):
-            fit = Linear(LinearisedLog.each(state, reference, coloured=True), state, fit.names, fit.away)
-        return averaged(fit, self.tried)
+        return Average.none() if self.fit is None else averaged(self.fit, self.tried)
 
     def assumed(self) -> list[Assumed]:
         """What is taken not to be there, as the logs would not show it."""
