@@ -208,12 +208,27 @@ def _together(question: FitProblem, found: Fit) -> Fit:
 
 
 def _wider(question: FitProblem, found: Fit, covariance: np.ndarray, anew: bool) -> Fit:
-    """The fit with errors that span more; `anew`: it is judged by these, beside which other things harm."""
+    """The fit with errors that span more; `anew`: it is judged by these, beside which other things harm, but
+    for what was only noted, and is refuted."""
     states = [replace(s, dispersion=covariance) for s in found.modes]
     judged = None if anew or found.judged.wrong else found.judged
     hung = confounds_gain(states[0], found.reference, found.names)
     again = conclude(question, states, hung, judged)
+    if found.result is Result.successful:
+        known = {(f.key, f.logs) for f in found.findings}
+        again = _without(again, [f for f in again.findings if (f.key, f.logs) not in known])
     return replace(again, notes=(*again.notes, *found.notes))
+
+
+def _without(fit: Fit, noted: Sequence[Finding]) -> Fit:
+    """The fit without these of what it only notes."""
+    out = [f for f in noted if f.outcome == "noted"]
+    sentences = {f.sentence for f in out}
+    return replace(
+        fit,
+        findings=tuple(f for f in fit.findings if f not in out),
+        warnings=tuple(w for w in fit.warnings if w not in sentences),
+    )
 
 
 def _with_words(told: Fit, differ: Sequence[Said], spanned: bool, hint: Hint | None, hinted: bool) -> Fit:
@@ -223,12 +238,8 @@ def _with_words(told: Fit, differ: Sequence[Said], spanned: bool, hint: Hint | N
     notes = [x.told(spanned) for x in differ if spanned and not x.rare]
     doubts = [] if hint is None else [f for f in told.findings if f.outcome == "noted" and hint.about(f)]
     if hint is not None and (hinted or not doubts):
-        finding, sentences = hint.told(hinted), [d.sentence for d in doubts]
-        told = replace(
-            told,
-            findings=(*(f for f in told.findings if f not in doubts), finding),
-            warnings=tuple(w for w in told.warnings if w not in sentences),
-        )
+        finding, told = hint.told(hinted), _without(told, doubts)
+        told = replace(told, findings=(*told.findings, finding))
         (alarms if doubts or not hinted else notes).append(finding.sentence)
     return replace(told, warnings=(*alarms, *told.warnings), notes=(*told.notes, *notes))
 
