@@ -197,7 +197,7 @@ def test_a_sweep_at_one_level_tells_what_it_takes_not_to_be_there(bench):
     """As much damping by the amplitude as the note says moves the fit as far as it says, to first order."""
     plain = sysid.fit([damped(bench, 100.0, 2, 0.0)])
     (told,) = [a for a in plain.assumed if a.key == "amplitude_damping"]
-    assert told.logs == ("at 100 V",) and told.shown_by == "other levels of the drive"
+    assert told.logs == ("at 100 V",) and told.shown_by == "levels of the drive that are far apart"
     found = sysid.fit([damped(bench, 100.0, 1, told.share)], effects="rotation,offset,background").parameters
     assert set(told.moves) == {"G", "tau"}
     for name, size in told.moves.items():
@@ -213,11 +213,17 @@ def test_what_shows_is_not_taken_not_to_be_there(bench):
 
 def test_what_is_assumed_is_one_sentence():
     each = [
-        Assumed("saturation", ("a", "b"), "other levels of the drive", 0.02, {"G": 0.031}),
-        Assumed("saturation", ("b",), "other levels of the drive", 0.05, {"G": 0.011}),
-        Assumed("amplitude_damping", ("b",), "other levels of the drive", 0.03, {"tau": 0.01, "f0": 3.4}),
+        Assumed("saturation", ("a", "b"), "levels of the drive that are far apart", 0.02, {"G": 0.031}),
+        Assumed("saturation", ("b",), "levels of the drive that are far apart", 0.05, {"G": 0.011}),
+        Assumed(
+            "amplitude_damping",
+            ("b",),
+            "levels of the drive that are far apart",
+            0.03,
+            {"tau": 0.01, "f0": 3.4},
+        ),
     ]
     assert wording.assumed(each) == [
         "a, b: taken as without saturation (5 %), amplitude damping (3 %); as much of the response would not"
-        " show here, and would move G by 3.1 %, tau by 1 %, f0 by 3.4 Hz; record other levels of the drive"
+        " show here, and would move G by 3.1 %, tau by 1 %, f0 by 3.4 Hz; record levels of the drive that are far apart"
     ]

@@ -26,7 +26,7 @@ from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
-AT_OTHERS = "other levels of the drive"  # shows what goes with the amplitude
+AT_OTHERS = "levels of the drive that are far apart"  # shows what goes with the amplitude
 MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest response
 PER_DEGREE = 0.03  # of the damping, per degC: of glue that softens, or of a liquid
 BEND = 0.01  # half bandwidths per degC^2: one 10 degC from where f0 is told

@@ -131,7 +131,7 @@ def _saturated(law: Law, each: bool) -> Effect:
         },
         said=said,
         makes_sense=positive,
-        shown_by="other levels of the drive",
+        shown_by="levels of the drive that are far apart",
         scope="bench",
     )
 

@@ -17,7 +17,7 @@ from sysid.verdict.identify import seconds
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
 # share of the noise that goes with the response, beside which the rest is not worth a word
 NEARLY_ALL = 0.99999
-NAMED = 8  # rows that were spoilt
+NAMED = 8  # rows that were spoilt, or logs, at most
 GROWS = 2.0  # times its beginning, which a plate that rings freely never is
 FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
 MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
@@ -192,7 +192,8 @@ def assumed(some: Sequence[Assumed]) -> list[str]:
         moved = ", ".join(
             f"{n} by {x:.2g} Hz" if n == "f0" else f"{n} by {100 * x:.2g} %" for n, x in moves.items() if x
         )
-        logs = ", ".join(dict.fromkeys(name for a in here for name in a.logs))
+        about = list(dict.fromkeys(name for a in here for name in a.logs))
+        logs = ", ".join(about) if len(about) < NAMED else f"{len(about)} logs"
         told.append(
             f"{logs}: taken as without {names}; as much of the response would not show here, and would move"
             f" {moved}; record {shown_by}"
