@@ -211,6 +211,14 @@ def test_what_shows_is_not_taken_not_to_be_there(bench):
     assert "amplitude_damping" not in {a.key for a in found.assumed}
 
 
+def test_what_would_move_k_t_alone_is_not_told(linear, monkeypatch):
+    """A sentence on it would name no parameter."""
+    fit, tried = linear
+    assert averaging.assumed(fit, tried)
+    monkeypatch.setattr(fit, "names", ["k_T"] * len(fit.names))
+    assert not averaging.assumed(fit, tried)
+
+
 def test_what_is_assumed_is_one_sentence():
     each = [
         Assumed("saturation", ("a", "b"), "levels of the drive that are far apart", 0.02, {"G": 0.031}),

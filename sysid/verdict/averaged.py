@@ -32,6 +32,7 @@ from sysid.verdict.linear import FARAWAY, PERHAPS, USUAL, Linear, Scored, chance
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term
 
+DIRECT = ("G", "tau", "f0")  # of which it is told what is assumed: one log shows each of them
 HIDES = 2.0  # standard deviations of an effect, of which less is as likely not to be there
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
@@ -243,7 +244,8 @@ def assumed(fit: Linear, tried: Sequence[Term]) -> list[Assumed]:
             numbers = np.minimum(np.sqrt(scored.usual), HIDES)
             share = USUAL * float(np.max(numbers / np.sqrt(scored.usual)))
             moved = np.linalg.norm(scored.moves * numbers, axis=1)
-        far = {n: float(x * std) for n, x, std in zip(fit.names, moved, fit.std, strict=True) if x > FARAWAY}
+        each = zip(fit.names, moved, fit.std, strict=True)
+        far = {n: float(x * std) for n, x, std in each if n in DIRECT and x > FARAWAY}
         known = found.get((term.name, term.log))
         if far and (known is None or share > known.share):
             logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
