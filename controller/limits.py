@@ -70,7 +70,7 @@ def _damping(plate: Plate, force: float) -> float:
             f"force = {force:g} N says nothing of a finger: {plate.finger.why}; finger states its damping"
             f" itself"
         )
-    return plate.finger.value * float(contact(force, xp=np))
+    return plate.finger.value * float(contact(force))
 
 
 def _warming(plate: Plate, rig: Rig) -> Span:

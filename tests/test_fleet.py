@@ -95,8 +95,8 @@ def test_the_parquet_table_is_the_csv(made):
 
 def test_what_is_done_is_not_done_again(made, folder, monkeypatch):
     before = pd.read_csv(made[1] / "fleet.csv")
-    monkeypatch.setattr("sysid.fleet.run.Processes", None)  # nothing may be left to fit
-    monkeypatch.setattr("sysid.fleet.run.Here", None)
+    monkeypatch.setattr("sysid.fleet.run.Processes.rows", None)  # nothing may be left to fit
+    monkeypatch.setattr("sysid.fleet.run.Here.rows", None)
     assert main([str(folder), "-o", str(made[1]), "--jobs", "2"]) == 0
     pd.testing.assert_frame_equal(pd.read_csv(made[1] / "fleet.csv"), before)
 
@@ -106,7 +106,7 @@ def test_numbers_by_the_lot_stand_beside_and_need_no_fit(made, folder, tmp_path,
 
     where = tmp_path / "results"
     shutil.copytree(made[1], where)
-    monkeypatch.setattr("sysid.fleet.run.Processes", None)
+    monkeypatch.setattr("sysid.fleet.run.Processes.rows", None)
     assert main([str(folder), "-o", str(where), "--jobs", "2", "--shrink"]) == 0
     before, after = (pd.read_parquet(place / "fleet.parquet") for place in (made[1], where))
     pd.testing.assert_frame_equal(after[before.columns], before)

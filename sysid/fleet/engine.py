@@ -52,6 +52,10 @@ REFUSED = 1  # exit code of a process that cannot load the script, which none th
 COMES = 60  # s that a Dask scheduler may have no worker, as they begin
 # how a pool says that one of its processes, or the server whose forks they are, was killed
 KILLED = (BrokenProcessPool, EOFError, ConnectionError)
+NO_GUARD = (
+    "the processes that fit end before they begin; in a script, what calls this must stand under"
+    " `if __name__ == '__main__':`, as each loads the script; jobs=0 needs none"
+)
 BYTES = "surrogateescape"  # how a name that a file's gives, which may be any bytes, is written as it is
 Batch = Sequence[Group]
 
@@ -83,17 +87,22 @@ class Here:
 
 
 class Processes:
-    """So many processes of this machine, with one thread each for matrices."""
+    """So many processes of this machine, with one thread each for matrices. The server whose forks they are
+    begins to load what they need at once."""
 
     def __init__(self, jobs: int):
         self.jobs = jobs
+        if sys.platform == "linux":
+            with _surroundings():
+                _Anew().served()
 
     def rows(self, groups: Sequence[Group], settings: Settings) -> Iterator[list[Row]]:
         """As `Engine.rows`. Raises EngineError where no process begins."""
-        waiting, moved = batches(groups, self.jobs), True
+        jobs = min(self.jobs, len(groups))
+        waiting, moved = batches(groups, jobs), True
         while waiting:
             before = moved
-            left, begun, moved = yield from self._through(waiting, settings)
+            left, begun, moved = yield from self._through(waiting, jobs, settings)
             suspects = [g for g in left if g.plate in begun]
             for group in suspects:
                 yield [self._alone(group, settings)]
@@ -102,15 +111,15 @@ class Processes:
                 raise EngineError(
                     "the processes that fit end between two plates, without a word: something kills them"
                 )
-            waiting = batches(rest, self.jobs) if rest else []
+            waiting = batches(rest, jobs) if rest else []
 
     def _through(
-        self, waiting: Sequence[Batch], settings: Settings
+        self, waiting: Sequence[Batch], jobs: int, settings: Settings
     ) -> Generator[list[Row], None, tuple[list[Group], set[str], bool]]:
         """The rows of these batches until a process is killed; returns the plates that are left, the names of
         those that were being fitted, and whether any batch came back."""
         left, alone, moved = list[Group](), _Alone(), False
-        with tempfile.TemporaryDirectory(prefix="fleet-") as where, _pool(self.jobs, where) as pool:
+        with tempfile.TemporaryDirectory(prefix="fleet-") as where, _pool(jobs, where) as pool:
             going: dict[Future, Batch] = {}
             while waiting or going:
                 for batch in waiting:
@@ -219,6 +228,12 @@ class _Anew(Context):
         self.set_forkserver_preload(list(LOADED))
         self.made: list[BaseProcess] = []
 
+    def served(self) -> None:
+        """Begin the server, where none has begun."""
+        from multiprocessing.forkserver import ensure_running
+
+        ensure_running()
+
     def Process(self, *args: Any, **kwargs: Any) -> BaseProcess:  # type: ignore[override]
         """One of a pool's."""
         self.made.append(super().Process(*args, **kwargs))
@@ -229,29 +244,36 @@ class _Anew(Context):
 def _pool(jobs: int, where: str) -> Iterator[Executor]:
     """A pool whose processes begin, with one thread each for matrices; they end with the block, or with this
     process. Raises EngineError where they do not begin."""
+    context, pools = _Anew(), list[Executor]()
+    with _surroundings():
+        try:
+            while not (pools and _answers(pools[-1], jobs)):
+                for pool in pools[-1:]:
+                    pool.shutdown(cancel_futures=True)  # tells how its processes ended
+                if len(pools) == TRIES or any(process.exitcode == REFUSED for process in context.made):
+                    raise EngineError(NO_GUARD)
+                time.sleep(GONE * len(pools))
+                pools.append(ProcessPoolExecutor(jobs, context, _begin, (where,)))
+            yield pools[-1]
+            pools[-1].shutdown()
+        finally:
+            for pool in pools:
+                pool.shutdown(wait=False, cancel_futures=True)
+            begun = [process for process in context.made if process.pid is not None]
+            for process in begun:
+                process.terminate()
+            for process in begun:
+                process.join()
+
+
+@contextmanager
+def _surroundings() -> Iterator[None]:
+    """SURROUNDINGS for what begins meanwhile."""
     before = {name: os.environ.get(name) for name in SURROUNDINGS}
     os.environ.update(SURROUNDINGS)
-    context, pools = _Anew(), list[Executor]()
     try:
-        while not (pools and _answers(pools[-1], jobs)):
-            for pool in pools[-1:]:
-                pool.shutdown(cancel_futures=True)  # tells how its processes ended
-            if len(pools) == TRIES or any(process.exitcode == REFUSED for process in context.made):
-                said = "the processes that fit end before they begin; in a script, what calls this must stand"
-                guard = "under `if __name__ == '__main__':`, as each loads the script; jobs=0 needs none"
-                raise EngineError(f"{said} {guard}")
-            time.sleep(GONE * len(pools))
-            pools.append(ProcessPoolExecutor(jobs, context, _begin, (where,)))
-        yield pools[-1]
-        pools[-1].shutdown()
+        yield
     finally:
-        for pool in pools:
-            pool.shutdown(wait=False, cancel_futures=True)
-        begun = [process for process in context.made if process.pid is not None]
-        for process in begun:
-            process.terminate()
-        for process in begun:
-            process.join()
         for name, value in before.items():
             os.environ.pop(name) if value is None else os.environ.update({name: value})
 

@@ -4,7 +4,6 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -72,11 +71,13 @@ def fit_fleet(
         settings = Settings(
             accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own, lane
         )
-        aside: list[str] = []
+        engine, aside = _engine(jobs, scheduler), list[str]()
         read_by = None if mapping is None else load_mapping(mapping)
         plates = grouped(groups, by, read_by, None if folder is None else place, aside)
         settings = settings.of_run(len(plates))
-        parts, engine = Parts(place / PARTS), partial(_engine, jobs, scheduler)
+        if folder is not None:
+            import sysid.fleet.page  # noqa: F401  while processes load what they need
+        parts = Parts(place / PARTS)
         frame = _fitted(plates, settings, parts, engine, meanwhile)
         frame.attrs["left_out"] = aside
         rows = lambda plates: parts.of(plates, settings)  # noqa: E731
@@ -87,7 +88,7 @@ def _fitted(
     plates: Sequence[Group],
     settings: Settings,
     parts: Parts,
-    engine: Callable[[int], Engine],
+    engine: Engine,
     meanwhile: Callable[[int, int], None] | None,
 ) -> "pd.DataFrame":
     """The table of all plates, of which those that are in the parts already are not fitted again."""
@@ -102,7 +103,7 @@ def _fitted(
     for rows in parts.done(plates, settings):
         add(rows)
     left = [group for group in plates if group.plate not in done]
-    for rows in engine(len(left)).rows(left, settings) if left else ():
+    for rows in engine.rows(left, settings) if left else ():
         parts.write(rows)
         add(rows)
         if meanwhile is not None:
@@ -121,13 +122,13 @@ def _check(nuisances: Sequence[str]) -> None:
             raise ValueError(f"found {', '.join(sorted(unknown))}, expected nuisances that sysid.fit knows")
 
 
-def _engine(jobs: int | None, scheduler: str | None, plates: int) -> Engine:
+def _engine(jobs: int | None, scheduler: str | None) -> Engine:
     if scheduler is not None:
         return Dask(scheduler)
     if jobs is not None and number("jobs", jobs) < 0:
         raise ValueError(f"found {jobs} jobs, expected 0 or more")
     jobs = cores() if jobs is None else jobs
-    return Processes(min(jobs, plates)) if jobs else Here()
+    return Processes(jobs) if jobs else Here()
 
 
 def cores() -> int:

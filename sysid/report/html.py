@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.posterior.circuit import per_drive
 from sysid.report.text import (
     advice,
     cell,
@@ -147,6 +146,8 @@ def _bench(document: Mapping[str, Any], posterior: "Posterior") -> Cells:
 def _in_siemens(own: Mapping[str, Any], log: "Log", f0: float) -> dict[str, Any]:
     """A log's own numbers, of which feedthrough (per unit of the drive) and its slope are admittances at f0
     (Hz)."""
+    from sysid.posterior.circuit import per_drive  # what fits load, which no lot's page needs
+
     scale = per_drive(log)
     if scale is None:
         return dict(own)

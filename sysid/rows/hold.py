@@ -4,7 +4,6 @@ force."""
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 Leaf = Any  # an array of numpy outside a compiled program, of JAX inside
@@ -40,7 +39,7 @@ FULL_TOUCH = 1.5  # N, at which `contact` is one
 
 
 def contact(
-    force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: Leaf = 2 / 3, xp: Any = jnp
+    force: Leaf, law: str = "saturating", scale: Leaf = 0.6, exponent: Leaf = 2 / 3, xp: Any = np
 ) -> Any:
     """How much a finger damps at `force` (N), over what it does at FULL_TOUCH; arrays of the module `xp`.
 

@@ -139,4 +139,4 @@ def _contact(log: Log) -> np.ndarray | None:
             *(np.sign(move) * np.append(*pair) for pair in ((0.0, move[:-1]), (move[1:], 0.0)))
         )
         force = force + np.where(beside > RUNS_ON * np.abs(move), 0.5 * move, 0.0)
-    return contact(force, xp=np)
+    return contact(force)

@@ -140,7 +140,7 @@ class FingerDamping:
     law: str = word("saturating", "saturating", "power")
 
     def ratio(self, inputs: Inputs) -> Array:
-        damping = self.rho * contact(inputs.force, self.law, self.scale, self.exponent)
+        damping = self.rho * contact(inputs.force, self.law, self.scale, self.exponent, jnp)
         return damping if inputs.contact is None else damping * inputs.contact
 
     def plate(self, motion: Motion, inputs: Inputs, plant: Plant, felt: Any) -> Motion:

@@ -28,8 +28,7 @@ def _finger(views: list[LinearisedLog], free: Sequence[str]) -> Iterator[Term]:
     touched = {i: v for i, v in enumerate(views) if v.trial.touched}
     if touched and FINGER[0] in free:
         power = {
-            i: contact(force_of(v.course.hold.contact), "power", exponent=0.6, xp=np)
-            for i, v in touched.items()
+            i: contact(force_of(v.course.hold.contact), "power", exponent=0.6) for i, v in touched.items()
         }
         grown = {i: _either(v, power[i][v.course.hold.interval] / v.course.tau) for i, v in touched.items()}
         yield Term("law_of_the_finger", grown, lambda *_: ANOTHER_LAW, freedom=2)
