@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import seeds
+from conftest import SYNTHETIC, seeds
 from scipy.optimize import brentq
 from scipy.stats import multivariate_normal
 
 import sysid
-from sysid.effects.effect import About
+from sysid import Scene
+from sysid.effects.effect import AT_OTHERS, About
+from sysid.effects.number import Number
 from sysid.model.theta import NAMES
+from sysid.scene import EFFECTS
 from sysid.trials.trial import NUISANCES
 from sysid.verdict import averaged as averaging
 from sysid.verdict import misfit, wording
@@ -198,7 +201,8 @@ def test_a_sweep_at_one_level_tells_what_it_takes_not_to_be_there(bench):
     plain = sysid.fit([damped(bench, 100.0, 2, 0.0)])
     (told,) = [a for a in plain.assumed if a.key == "amplitude_damping"]
     assert told.logs == ("at 100 V",) and told.shown_by == "levels of the drive that are far apart"
-    found = sysid.fit([damped(bench, 100.0, 1, told.share)], effects="rotation,offset,background").parameters
+    taken = told.size.value / (1 + told.size.value)
+    found = sysid.fit([damped(bench, 100.0, 1, taken)], effects="rotation,offset,background").parameters
     assert set(told.moves) == {"G", "tau"}
     for name, size in told.moves.items():
         moved = abs(np.log(found[name].value / plain.parameters[name].value))
@@ -219,19 +223,51 @@ def test_what_would_move_k_t_alone_is_not_told(linear, monkeypatch):
     assert not averaging.assumed(fit, tried)
 
 
+def test_a_slow_sweep_of_one_direction_hides_that_the_plate_heats_itself():
+    """A second at each of 101 frequencies: what would not show of it is told, and a plate that heats itself,
+    with f0 15 standard deviations too low, has an error that spans it."""
+    scene = Scene.from_toml(SYNTHETIC / "scenes" / "figure_6_sweep.toml")
+    second = np.arange(101.0)
+    frequency = sysid.Profile(second, scene.inputs["frequency"].at(second))
+    inputs = {**scene.inputs, "frequency": frequency}
+    slow = replace(scene, kind="transient", rows=102, rate=1.0, inputs=inputs)
+    plain, heated = (
+        sysid.fit([replace(slow, effects=(*scene.effects, *more)).simulate(31)])
+        for more in ((), (EFFECTS["self_heating"](),))
+    )
+    (told,) = [a for a in plain.assumed if a.key == "self_heating"]
+    assert told.size.unit == "Hz" and told.shown_by == "a sweep back as well"
+    assert told.moves["f0"] > 4 * plain.parameters["f0"].std
+    f0 = heated.parameters["f0"]
+    assert [f.key for f in heated.findings] == ["self_heating"]
+    assert abs(f0.value - plain.parameters["f0"].value) < 3 * f0.std
+
+
+def test_sweeps_of_one_direction_hide_that_all_of_them_drift_alike(bench):
+    """Settled points: a drift along the frequencies is another scale of these, by which tau is off; as much as
+    is told moves tau as far as it says (closed form: frequencies stretched by the drift over their span). A
+    sweep back shows it."""
+    there, back = bench.sweep(seed=3), bench.sweep(seed=4)
+    told = {a.key: a for a in sysid.fit([there, bench.sweep(seed=5)]).assumed}["f0_drift"]
+    assert len(told.logs) == 2 and set(told.moves) == {"tau"}
+    stretched = abs(told.size.value) / np.ptp(there.frequency)
+    assert told.moves["tau"] == pytest.approx(stretched, rel=0.05)
+    turned = sysid.Log("back", back.response[::-1], None, *(x[::-1] for x in (back.drive, back.frequency)))
+    assert "f0_drift" not in {a.key for a in sysid.fit([there, turned]).assumed}
+
+
 def test_what_is_assumed_is_one_sentence():
+    shown_by, row, damping = AT_OTHERS, "of the largest row", "of the damping"
     each = [
-        Assumed("saturation", ("a", "b"), "levels of the drive that are far apart", 0.02, {"G": 0.031}),
-        Assumed("saturation", ("b",), "levels of the drive that are far apart", 0.05, {"G": 0.011}),
-        Assumed(
-            "amplitude_damping",
-            ("b",),
-            "levels of the drive that are far apart",
-            0.03,
-            {"tau": 0.01, "f0": 3.4},
-        ),
+        Assumed("saturation", ("a", "b"), shown_by, Number(0.02, 0.0, row), {"G": 0.031}),
+        Assumed("saturation", ("b",), shown_by, Number(0.05, 0.0, row), {"G": 0.011}),
+        Assumed("amplitude_damping", ("b",), shown_by, Number(0.03, 0.0, damping), {"tau": 0.01, "f0": 3.4}),
+        Assumed("f0_drift", ("b",), "a sweep back as well", Number(-204.3, 0.0, "Hz"), {"tau": 0.2}),
     ]
     assert wording.assumed(each) == [
-        "a, b: taken as without saturation (5 %), amplitude damping (3 %); as much of the response would not"
-        " show here, and would move G by 3.1 %, tau by 1 %, f0 by 3.4 Hz; record levels of the drive that are far apart"
+        "a, b: taken as without saturation (5 % of the largest row), amplitude damping (3 % of the damping); as"
+        " much would not show here, and would move G by 3.1 %, tau by 1 %, f0 by 3.4 Hz; record levels of the"
+        " drive that are far apart",
+        "b: taken as without f0 drift (204 Hz); as much would not show here, and would move tau by 20 %; record"
+        " a sweep back as well",
     ]

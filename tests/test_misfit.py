@@ -169,20 +169,6 @@ def test_logs_that_the_model_describes_are_not_doubted(bench, seeds):
     assert sum(end is not Result.successful for end in ends) <= binom.ppf(0.99, len(seeds), 0.01), ends
 
 
-@pytest.mark.parametrize("effects", [(), (EFFECTS["self_heating"](),)])
-def test_a_slow_sweep_of_one_direction_cannot_exclude_that_the_plate_heats_itself(effects):
-    """A second at each of 101 frequencies. A plate that heats itself makes f0 7 Hz too low, 15 standard
-    deviations, and what that leaves in the residual chance may leave in one of a thousand."""
-    scene = Scene.from_toml(SCENES.parent / "figure_6_sweep.toml")
-    second = np.arange(101.0)
-    frequency = sysid.Profile(second, scene.inputs["frequency"].at(second))
-    slow = replace(
-        scene, kind="transient", rows=102, rate=1.0, inputs={**scene.inputs, "frequency": frequency}
-    )
-    fit = sysid.fit([replace(slow, effects=(*scene.effects, *effects)).simulate(31)])
-    assert any("as the plate heats itself" in said for said in fit.warnings), fit.warnings
-
-
 def test_a_coarse_recorder_is_named_and_not_called_saturated():
     for seed in range(4):
         fine, coarse = (

@@ -30,10 +30,7 @@ from sysid.trials.trial import LEAST_WARMING, Trial
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep: what shifts by more has left it
 LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
-HIDDEN = (
-    "{}: a resonance that drifts by {{:.2g}} Hz as the plate heats itself does not show in a slow sweep of"
-    " one direction, and would move {{}}; sweep back as well, or record the temperature of every row"
-)
+BACK = "a sweep back as well"  # shows what goes with the time
 TURNED = 0.5  # rad from end to end: of more a demodulator is seen to be at another frequency
 WARMED = 4.0  # half bandwidths: of a plate at some other temperature
 BESIDE = 0.01  # of a drift's power, a tenth of it, that has to be beside the recorded temperature
@@ -47,11 +44,15 @@ def _timed(trial: Trial) -> bool:
 
 
 def _drifts(trial: Trial) -> bool:
-    """Not settled points in the order of their frequencies: there a drift is another scale of these, that tau
+    """Not what is `_scaled`: there a drift is another scale of these, that tau
     takes up, and what shows is how they scatter; nor where a recorded temperature goes with the time: that is
     k_T's, and what shows is how it was read."""
-    scaled = trial.steady and (one_way(trial) or in_order(trial))
-    return _timed(trial) and not scaled and not _goes_along(trial)
+    return _timed(trial) and not _scaled(trial) and not _goes_along(trial)
+
+
+def _scaled(trial: Trial) -> bool:
+    """Settled points in the order of their frequencies."""
+    return trial.steady and (one_way(trial) or in_order(trial))
 
 
 def _goes_along(trial: Trial) -> bool:
@@ -72,6 +73,7 @@ def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
 F0_DRIFT = Effect(
     name="f0_drift",
     shows=_drifts,
+    shown_by=lambda trial, about: BACK if _timed(trial) and _scaled(trial) else "",
     stds=lambda trial, about: np.array([SHIFTS[-1], 0.5]),
     starts=lambda trial, about: np.array([[x, 0.0] for x in (*-SHIFTS, *SHIFTS)]),
     applied=lambda trial, values, about: shifted(
@@ -100,12 +102,12 @@ def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
     )
 
 
-def _hidden(trial: Trial, about: About) -> str:
+def _warms(trial: Trial, about: About) -> str:
     """Of a sweep in one direction that lasts long, whose temperature is not recorded or does not change."""
     log = trial.log
     read = log.temperature is not None and np.ptp(log.temperature) > LEAST_WARMING
     hides = not (trial.steady or read) and one_way(trial) and lasted(trial) > SLOW * about.tau
-    return HIDDEN.format(log.name) if hides else ""
+    return BACK if hides else ""
 
 
 SELF_HEATING = Effect(
@@ -124,7 +126,7 @@ SELF_HEATING = Effect(
     },
     said=_heated_said,
     places=lambda trial, about: np.array([[0.0, np.log(t / HEATED[1]), 0.0] for t in HEATED]),
-    unseen=_hidden,
+    shown_by=_warms,
 )
 
 

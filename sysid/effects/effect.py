@@ -26,6 +26,7 @@ EXACT = 1e-6  # of a step of a sweep, by which its frequencies are even
 ORDER = 3  # of the smooth course of a sweep: even steps, in Hz or in their ratios, and a little of both
 SEEN = 3.0  # standard deviations from zero
 FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
+AT_OTHERS = "levels of the drive that are far apart"  # shows what goes with the amplitude
 HELD = 0.25  # of tau, for which the motion of one row may stand: a fifth of it is then gone
 
 
@@ -111,8 +112,8 @@ class Effect:
     in proportion from zero, as far as a log has them, by which logs show it to first order, beside others at
     each of its `places` (m, d); where none is, all that it does at a place. `known_as`: what else shows it to
     first order (`verdict.terms`); with neither it has to be tried. `noise_like`: whether noise of a log looks
-    like such numbers. `expected`: every plate has a little of it. `unseen`: what to say of it, of its size
-    and of what that moves, where it may be there and hide. `shown_by`: what shows it where a log would not.
+    like such numbers. `expected`: every plate has a little of it. `shown_by`: what to
+    record so that it shows, where as much of it as moves the parameters far may hide in a log; else "".
     `stated`: what a log's metadata would have said of
     it, by which rows are read in another way. `colour`: of noise that went through it, the correlation of
     rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what all are.
@@ -142,8 +143,7 @@ class Effect:
     known_as: Sequence[str] = ()
     noise_like: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     expected: bool = False
-    unseen: Callable[[Trial, About], str] = lambda trial, about: ""
-    shown_by: str = ""
+    shown_by: Callable[[Trial, About], str] = lambda trial, about: ""
     colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None
     relative: bool = False
     vague: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.effects.effect import (
+    AT_OTHERS,
     LEAST_ROWS,
     About,
     Effect,
@@ -26,7 +27,6 @@ from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
-AT_OTHERS = "levels of the drive that are far apart"  # shows what goes with the amplitude
 MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest response
 PER_DEGREE = 0.03  # of the damping, per degC: of glue that softens, or of a liquid
 BEND = 0.01  # half bandwidths per degC^2: one 10 degC from where f0 is told
@@ -75,7 +75,7 @@ DUFFING = Effect(
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
     expected=True,
-    shown_by=AT_OTHERS,
+    shown_by=lambda trial, about: AT_OTHERS,
     vague=lambda trial, values: not trial.steady,  # rows of a transient tell one another, whatever it is
     makes_sense=followed,
 )
@@ -127,7 +127,7 @@ def _amplitude_damped(power: int) -> Effect:
         scope="plate",
         rough=lambda trial: not trial.steady,
         vague=lambda trial, values: not trial.steady,
-        shown_by=AT_OTHERS,
+        shown_by=lambda trial, about: AT_OTHERS,
         makes_sense=followed,
         # of long memory, where no phase turns; and friction seldom falls with the amplitude
         noise_like=lambda trial, values: values[0] < 0 and trial.noise.coloured and not _turns(trial),

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 
 from sysid.effects.effect import (
+    AT_OTHERS,
     About,
     Effect,
     Told,
@@ -131,7 +132,7 @@ def _saturated(law: Law, each: bool) -> Effect:
         },
         said=said,
         makes_sense=positive,
-        shown_by="levels of the drive that are far apart",
+        shown_by=lambda trial, about: AT_OTHERS,
         scope="bench",
     )
 

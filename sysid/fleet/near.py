@@ -20,11 +20,11 @@ from sysid.model.span import inverted
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, lone
-from sysid.verdict.averaged import Allowed, Kind, spanned
+from sysid.verdict.averaged import Allowed, spanned
 from sysid.verdict.firstorder import of_effects
 from sysid.verdict.linear import Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
-from sysid.verdict.term import Term, together
+from sysid.verdict.term import Kind, Term, together
 from sysid.verdict.terms import terms
 
 FREE = ("G", "tau", "f0")  # what a layout's logs determine
@@ -52,7 +52,7 @@ class Trying:
 
     @property
     def kind(self) -> Kind:
-        return self.term.name, self.term.log
+        return self.term.kind
 
     @property
     def place(self) -> tuple:

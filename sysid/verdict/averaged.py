@@ -28,12 +28,13 @@ import numpy as np
 
 from sysid.model.theta import NAMES
 from sysid.verdict.finding import Assumed, Finding
-from sysid.verdict.linear import FARAWAY, PERHAPS, USUAL, Linear, Scored, chances_of
+from sysid.verdict.linear import PERHAPS, Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
-from sysid.verdict.term import Term
+from sysid.verdict.term import Kind, Term
 
 DIRECT = ("G", "tau", "f0")  # of which it is told what is assumed: one log shows each of them
 HIDES = 2.0  # standard deviations of an effect, of which less is as likely not to be there
+FARAWAY = 4.0  # standard deviations of a parameter, from which it is told what is assumed
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
 MOST = 100.0  # of log evidence: more is as certain
@@ -116,9 +117,6 @@ class Allowed(NamedTuple):
         return self.term.sense(value)
 
 
-Kind = tuple[str, int | None]  # of effects: their name, and the log that they are in
-
-
 def spanned(term: Term) -> bool:
     """Whether errors may span a term: it is one effect, by which no log contradicts the others."""
     return not (term.between or term.parts)
@@ -140,7 +138,7 @@ class Together(NamedTuple):
         """Of these effects, at least one."""
         usual = [x.scored.usual for x in each]
         begins = np.cumsum([0, *map(len, usual[:-1])])
-        of_each = [(x.term.name, x.term.log) for x in each]
+        of_each = [x.term.kind for x in each]
         kinds = list(dict.fromkeys(of_each))
         alike = np.array([[float(one == kind) for one in of_each] for kind in kinds])
         some = np.arange(max(map(len, usual)))
@@ -236,20 +234,19 @@ def assumed(fit: Linear, tried: Sequence[Term]) -> list[Assumed]:
     """What the fit assumes not to be there, of effects of which it is known what would show them: of a usual
     size or, if less, of the largest that would not show, `HIDES` of its standard deviations."""
     found: dict[Kind, Assumed] = {}
-    for term, scored in zip(tried, fit.scored(tried), strict=True):
-        if term.source is None or not (shown_by := term.source[0].shown_by):
-            continue
-        share, moved = USUAL, fit.usually(term)
+    some = [term for term in tried if term.shown_by]
+    for term, scored in zip(some, fit.scored(some), strict=True):
+        value, moved = fit.usually(term)
         if scored is not None:
             numbers = np.minimum(np.sqrt(scored.usual), HIDES)
-            share = USUAL * float(np.max(numbers / np.sqrt(scored.usual)))
-            moved = np.linalg.norm(scored.moves * numbers, axis=1)
+            value, moved = scored.values @ numbers, np.linalg.norm(scored.moves * numbers, axis=1)
         each = zip(fit.names, moved, fit.std, strict=True)
         far = {n: float(x * std) for n, x, std in each if n in DIRECT and x > FARAWAY}
-        known = found.get((term.name, term.log))
-        if far and (known is None or share > known.share):
-            logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
-            found[term.name, term.log] = Assumed(term.name, logs, shown_by, share, far)
+        if far:
+            (size, *_), known = term.numbers(value, np.zeros(len(value))).values(), found.get(term.kind)
+            if known is None or abs(size.value) > abs(known.size.value):
+                logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
+                found[term.kind] = Assumed(term.name, logs, term.shown_by, size, far)
     return list(found.values())
 
 

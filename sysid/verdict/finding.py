@@ -33,13 +33,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class Assumed:
-    """What logs would not show, and what would; the largest `share` of the response of it that they would
-    not, and what that would move far, by how much: G and tau by a share, f0 by Hz."""
+    """What logs would not show, and what would; the largest `size` of it that they would not, and what that
+    would move far, by how much: G and tau by a share, f0 by Hz."""
 
     key: str
     logs: tuple[str, ...]
     shown_by: str
-    share: float
+    size: Number
     moves: dict[str, float]
 
 

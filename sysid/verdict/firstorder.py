@@ -29,6 +29,16 @@ def of_effects(
                 yield from _terms(effect, group, next(iter(group)) if len(group) == 1 else None, about)
 
 
+def hidden(views: Mapping[int, LinearisedLog], about: About) -> Iterator[Term]:
+    """What logs hide that do not show it at any size, alike in all of them."""
+    for effect in EFFECTS:
+        some = {
+            i: v for i, v in views.items() if not effect.shows(v.trial) and effect.shown_by(v.trial, about)
+        }
+        if some:
+            yield from _terms(effect, some, None, about)
+
+
 def _terms(
     effect: Effect, views: Mapping[int, LinearisedLog], log: int | None, about: About
 ) -> Iterator[Term]:
@@ -49,7 +59,7 @@ def _terms(
             place.say,
             log,
             freedom=next(iter(shapes.values())).shape[1] + (len(places) > 1),
-            unseen=effect.unseen(view.trial, about),
+            shown_by=effect.shown_by(view.trial, about),
             expected=effect.expected and all(_even(v) for v in views.values()),
             alike=not effect.many,
             sense=place.sense,

@@ -22,7 +22,6 @@ UNCHANGED = 0.01  # sum of squares in units of the noise
 # of a shape's square, less than which the plant and the nuisances leave of what they can do themselves
 LEAST = 1e-6
 ROUNDED = 1e-10  # of the largest of a term's directions: less is none
-FARAWAY = 4.0  # of these, by what is not seen
 EXPLAINED = 0.25  # of a power, half of its root: more is left by what is not its cause
 CHANCE = 3.0  # standard deviations
 # of the log likelihood that the best explanation gains: numbers that are large curve what they do
@@ -201,28 +200,13 @@ class Linear:
         """What a shift of the parameters changes of the prior's log density."""
         return -float(shift @ (self.pulled + 0.5 * self.prior @ shift))
 
-    def usually(self, term: Term) -> np.ndarray:
-        """(p,) by how much the parameters move, in their standard deviations, with a term of a usual size."""
+    def usually(self, term: Term) -> tuple[np.ndarray, np.ndarray]:
+        """(m,) coefficients of a term of a usual size, and (p,) by how much the parameters move with it, in
+        their standard deviations."""
         if (added := self._added(term)) is None:
-            return np.zeros(len(self.names))
+            return np.zeros(0), np.zeros(len(self.names))
         moves = self.reported @ self.inverse @ added.cross * (added.usual * added.scale)
-        return np.linalg.norm(moves, axis=1) / self.std
-
-    def doubt(self, term: Term) -> str | None:
-        """What the term would do at a size of two of its standard deviations, at which it is not seen; None
-        if that is little."""
-        added = self._added(term)
-        if added is None or (own := self._own(added))[0, 0] < LEAST:
-            return None
-        scale, cross = added.scale, added.cross
-        value = 2 / np.sqrt(own[0, 0])
-        moves = self.reported @ self.inverse @ cross[:, 0] * value / self.std
-        k = int(np.argmax(np.abs(moves)))
-        if abs(moves[k]) < FARAWAY:
-            return None
-        return term.unseen.format(
-            value / scale[0], f"{self.names[k]} by {abs(moves[k]):.2g} of its standard deviations"
-        )
+        return added.usual, np.linalg.norm(moves, axis=1) / self.std
 
     def _added(self, term: Term) -> "_Added | None":
         """Looked at once: a term may be part of another."""

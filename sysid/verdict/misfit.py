@@ -24,6 +24,7 @@ from sysid.model.theta import NAMES
 from sysid.verdict.averaged import Average, assumed, averaged
 from sysid.verdict.between import own, times
 from sysid.verdict.finding import Assumed
+from sysid.verdict.firstorder import hidden
 from sysid.verdict.gain_confounding import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
 from sysid.verdict.linearised import LinearisedLog
@@ -43,13 +44,14 @@ LEAN = 1.0
 
 class Misfits(NamedTuple):
     """What the logs hold that the model leaves out, the most significant first; sentences on what could be
-    there unseen and would move the parameters far; the fit, linearised, and the terms that were `tried`
-    beside it."""
+    there unseen and would move the parameters far; the fit, linearised, the terms that were `tried` beside
+    it, and what these were about."""
 
     found: list[Found]
     unseen: list[str]
     fit: Linear | None = None
     tried: Sequence[Term] = ()
+    about: About | None = None
 
     def in_colour(self, state: State, reference: tuple[float, float]) -> "Misfits":
         """The same in the noise of its minimum, whatever its colour."""
@@ -64,7 +66,9 @@ class Misfits(NamedTuple):
 
     def assumed(self) -> list[Assumed]:
         """What is taken not to be there, as the logs would not show it."""
-        return [] if self.fit is None else assumed(self.fit, self.tried)
+        if self.fit is None or self.about is None:
+            return []
+        return assumed(self.fit, [*self.tried, *hidden(dict(enumerate(self.fit.views)), self.about)])
 
 
 def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> Misfits:
@@ -74,7 +78,8 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
     views = LinearisedLog.each(state, reference)
     away = 0.0 if at is None else at - reference[1]
     fit = Linear(views, state, [n for n in NAMES if n in free], away)
-    tried = terms(views, free, About.of(state, reference, away), away)
+    about = About.of(state, reference, away)
+    tried = terms(views, free, about, away)
     found = fit.found(tried)
     if len(views) > 1 and not any(
         f.harmful and f.certain for f in found
@@ -89,14 +94,13 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
         ]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
-    doubts = [said for t in tried if t.log is not None and t.unseen and (said := fit.doubt(t)) is not None]
-    doubts += [
+    doubts = [
         said
         for i, v in enumerate(views)
         if (said := _runs_on(i, v, fit) or _row_before(i, v, fit)) is not None
     ]
     found.sort(key=lambda f: round(2 * f.freedom - f.worth - LEAN * (f.name == CURVED.name), 3))
-    return Misfits(found, doubts, fit, tried)
+    return Misfits(found, doubts, fit, tried, about)
 
 
 def described(minimiser: Minimiser, state: State, beside: float = 0.0) -> bool:

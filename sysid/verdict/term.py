@@ -9,6 +9,7 @@ import numpy as np
 from sysid.effects.effect import Effect
 from sysid.effects.number import Number
 
+Kind = tuple[str, int | None]  # of effects: their name, and the log that they are in
 UNNAMED = ""  # what is said of a size that the logs may show, but that is not what the term is about
 
 
@@ -27,8 +28,7 @@ class Term:
         None  # a parameter that it moves besides, by so much for a coefficient of one
     )
     squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
-    # what to say, of its size and of what that moves, where it is to be expected and may hide
-    unseen: str = ""
+    shown_by: str = ""  # what to record so that it shows, where it may hide
     # what every plate has a little of: not one of many things that chance may look like
     expected: bool = False
     # what several logs may have alike, which then do not contradict each other
@@ -42,6 +42,11 @@ class Term:
     source: tuple[Effect, int] | None = None  # the effect that it is of, and which of its places
     # by name, of the same as `say`, in units of the bench
     numbers: Callable[[np.ndarray, np.ndarray], dict[str, Number]] = lambda value, std: {}
+
+    @property
+    def kind(self) -> Kind:
+        """Of which effect it is, and in which log."""
+        return self.name, self.log
 
 
 def together(terms: Sequence[Term]) -> Iterator[Term]:

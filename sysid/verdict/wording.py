@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.effects.number import Number
 from sysid.logs.log import Log
 from sysid.model.theta import Theta
 from sysid.rows.clock import of_one_moment
@@ -186,8 +187,8 @@ def assumed(some: Sequence[Assumed]) -> list[str]:
     told = []
     for shown_by in dict.fromkeys(a.shown_by for a in some):
         here = [a for a in some if a.shown_by == shown_by]
-        most = {key: max(a.share for a in here if a.key == key) for key in dict.fromkeys(a.key for a in here)}
-        names = ", ".join(f"{key.replace('_', ' ')} ({100 * share:.1g} %)" for key, share in most.items())
+        largest = {a.key: a.size for a in sorted(here, key=lambda a: abs(a.size.value))}
+        names = ", ".join(f"{key.replace('_', ' ')} ({_sized(size)})" for key, size in largest.items())
         moves = {n: max(a.moves.get(n, 0.0) for a in here) for n in ("G", "tau", "f0")}
         moved = ", ".join(
             f"{n} by {x:.2g} Hz" if n == "f0" else f"{n} by {100 * x:.2g} %" for n, x in moves.items() if x
@@ -195,10 +196,16 @@ def assumed(some: Sequence[Assumed]) -> list[str]:
         about = list(dict.fromkeys(name for a in here for name in a.logs))
         logs = ", ".join(about) if len(about) < NAMED else f"{len(about)} logs"
         told.append(
-            f"{logs}: taken as without {names}; as much of the response would not show here, and would move"
-            f" {moved}; record {shown_by}"
+            f"{logs}: taken as without {names}; as much would not show here, and would move {moved}; record"
+            f" {shown_by}"
         )
     return told
+
+
+def _sized(size: Number) -> str:
+    """A size: a share in percent, or a number with its unit."""
+    share = size.unit.startswith("of ")
+    return f"{100 * abs(size.value):.2g} % {size.unit}" if share else f"{abs(size.value):.3g} {size.unit}"
 
 
 def of_thermometers(unstated: Sequence[Log], k_T: float, without: Theta, errors: Theta) -> list[str]:
