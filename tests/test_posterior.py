@@ -142,6 +142,22 @@ def test_a_sampler_that_misses_its_criteria_says_so(fit, monkeypatch):
     assert stopped.summary()["tau"].value is not None  # what was drawn can be looked at
 
 
+def test_a_chain_that_is_stuck_ends_as_soon_as_that_is_seen(fit):
+    """Of a density 400 times as wide as its proposals in each direction, whose weights rise outwards without
+    end, few draws are worth anything."""
+    from sysid.posterior.chain import Chain
+    from sysid.posterior.target import Target
+
+    target = Target(fit, seed=0)
+    normal = target.normal().heavy()
+    target.__class__ = type(
+        "Wide", (Target,), {"__call__": lambda self, z: -0.5 * np.sum((z / 400) ** 2, axis=1)}
+    )
+    chain = Chain(target, normal, 0)
+    chain.extend(1000)
+    assert not chain.reached(1000) and len(chain.proposed()[0]) < 20_000
+
+
 def test_what_the_fit_found_wanting_stays_wanting(bench):
     fit = sysid.fit([bench.transient(dt=0.3 * bench.plant.tau / 220)])
     posterior = sysid.sample(fit)

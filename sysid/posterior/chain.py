@@ -66,12 +66,12 @@ class Chain:
 
     def extend(self, effective: float, rounds: int = ROUNDS, until: float = np.inf) -> bool:
         """Continue in rounds until every determined parameter has `effective` draws and an R-hat below
-        AGREED, or for `rounds`.
+        AGREED, for `rounds`, or until it takes more than MOST draws for one.
 
         False where the next round would have ended after `until` (perf_counter) and was not begun.
         """
         for _ in range(rounds):
-            if self.reached(effective) or self._sampler.iteration * WALKERS > MOST * effective:
+            if self.reached(effective) or self._sampler.iteration * WALKERS > MOST * min(self.ess, effective):
                 break
             done = self._sampler.iteration
             short = 1.05 * done * (effective / max(self.ess, 1.0) - 1.0)  # steps, at the rate seen so far
