@@ -87,7 +87,10 @@ class Fitted(NamedTuple):
     def seen(self, *numbers: int) -> bool:
         """Whether these, or all of them, are together not zero."""
         some = list(numbers) or list(range(len(self.values)))
-        values, stds = self.values[some] / self.stds[some], self.stds[some]
+        stds = self.stds[some]
+        values = self.values[some] / stds
+        if len(some) == 1:
+            return bool(abs(values[0]) > SEEN)
         correlation = self.covariance[np.ix_(some, some)] / np.outer(stds, stds)
         return bool(values @ np.linalg.pinv(correlation, hermitian=True) @ values > SEEN**2)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -126,7 +127,7 @@ class Place:
         if np.any(np.abs(value) > WITHIN):
             return True
         numbers = self._with(self.values, value)
-        fitted = Fitted(numbers, np.diag(EXACT * self.stds**2), self.about.tau)
+        fitted = Fitted(numbers, self._exact, self.about.tau)
         sense = self.effect.sensible(self.trial, fitted) if self.shown else bool(value[0] > 0)
         return sense and not self.effect.noise_like(self.trial, numbers)
 
@@ -138,6 +139,11 @@ class Place:
             return UNNAMED
         told = self.effect.said(self.trial, self.numbers(value, std))
         return f"{self.name}{told.what}; {told.to_do}"
+
+    @cached_property
+    def _exact(self) -> np.ndarray:
+        """(d, d) covariance of numbers without errors."""
+        return np.diag(EXACT * self.stds**2)
 
     def _with(self, all_of_it: np.ndarray, shown: np.ndarray) -> np.ndarray:
         """(d,) with the numbers of the coefficients."""
