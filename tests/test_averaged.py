@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 
 import sysid
 from sysid import Scene
-from sysid.effects.effect import AT_OTHERS, About
+from sysid.effects.effect import About
 from sysid.effects.number import Number
 from sysid.model.theta import NAMES
 from sysid.scene import EFFECTS
@@ -257,7 +257,7 @@ def test_sweeps_of_one_direction_hide_that_all_of_them_drift_alike(bench):
 
 
 def test_what_is_assumed_is_one_sentence():
-    shown_by, row, damping = AT_OTHERS, "of the largest row", "of the damping"
+    shown_by, row, damping = "levels of the drive that are far apart", "of the largest row", "of the damping"
     each = [
         Assumed("saturation", ("a", "b"), shown_by, Number(0.02, 0.0, row), {"G": 0.031}),
         Assumed("saturation", ("b",), shown_by, Number(0.05, 0.0, row), {"G": 0.011}),

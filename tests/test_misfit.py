@@ -169,6 +169,19 @@ def test_logs_that_the_model_describes_are_not_doubted(bench, seeds):
     assert sum(end is not Result.successful for end in ends) <= binom.ppf(0.99, len(seeds), 0.01), ends
 
 
+def test_noise_too_small_to_hide_the_ripple_of_the_fast_mode_tells_whether_it_is_there(bench):
+    """At Q = 169 it rings with 0.15 % of the response after the step (tests/reference.py), or a lock-in's
+    filter removes it: tau is told as well."""
+    fits = [
+        sysid.fit(other_plant(bench, ripple=rings).transient(seed=4, noise=1e-5)) for rings in (True, False)
+    ]
+    rung, settled = (fit.parameters["tau"] for fit in fits)
+    assert all(fit.result is Result.successful for fit in fits)
+    assert rung.std == pytest.approx(settled.std, rel=0.2)  # 11 times that, where it passes for noise
+    for tau in (rung, settled):
+        assert abs(tau.value - bench.plant.tau) < 4 * tau.std
+
+
 def test_a_coarse_recorder_is_named_and_not_called_saturated():
     for seed in range(4):
         fine, coarse = (

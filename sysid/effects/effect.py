@@ -26,7 +26,6 @@ EXACT = 1e-6  # of a step of a sweep, by which its frequencies are even
 ORDER = 3  # of the smooth course of a sweep: even steps, in Hz or in their ratios, and a little of both
 SEEN = 3.0  # standard deviations from zero
 FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
-AT_OTHERS = "levels of the drive that are far apart"  # shows what goes with the amplitude
 HELD = 0.25  # of tau, for which the motion of one row may stand: a fifth of it is then gone
 
 
@@ -179,6 +178,11 @@ def followed(trial: Trial, fitted: Fitted) -> bool:
     much nearer than tau, else, as inputs stand still, each row would tell the next one."""
     still = not trial.steady and 2 * trial.changes < len(trial.log)
     return fitted.seen(0) and not (still and trial.spacing > HELD * fitted.tau)
+
+
+def at_others(shows: Callable[[Trial], bool]) -> Callable[[Trial, About], str]:
+    """What shows, of logs that do, what goes with the amplitude."""
+    return lambda trial, about: "levels of the drive that are far apart" if shows(trial) else ""
 
 
 def nowhere(trial: Trial, about: About) -> np.ndarray:

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from sysid.effects.effect import (
-    AT_OTHERS,
     LEAST_ROWS,
     About,
     Effect,
     Told,
     always,
+    at_others,
     followed,
     lasted,
     nowhere,
@@ -75,7 +75,7 @@ DUFFING = Effect(
     scope="plate",
     afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
     expected=True,
-    shown_by=lambda trial, about: AT_OTHERS,
+    shown_by=at_others(sweep_or_moving),
     vague=lambda trial, values: not trial.steady,  # rows of a transient tell one another, whatever it is
     makes_sense=followed,
 )
@@ -127,7 +127,7 @@ def _amplitude_damped(power: int) -> Effect:
         scope="plate",
         rough=lambda trial: not trial.steady,
         vague=lambda trial, values: not trial.steady,
-        shown_by=lambda trial, about: AT_OTHERS,
+        shown_by=at_others(shows),
         makes_sense=followed,
         # of long memory, where no phase turns; and friction seldom falls with the amplitude
         noise_like=lambda trial, values: values[0] < 0 and trial.noise.coloured and not _turns(trial),

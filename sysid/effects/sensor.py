@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 
 from sysid.effects.effect import (
-    AT_OTHERS,
     About,
     Effect,
     Told,
     always,
+    at_others,
     driven_for_a_while,
     lasted,
     positive,
@@ -132,7 +132,7 @@ def _saturated(law: Law, each: bool) -> Effect:
         },
         said=said,
         makes_sense=positive,
-        shown_by=lambda trial, about: AT_OTHERS,
+        shown_by=at_others(shows),
         scope="bench",
     )
 

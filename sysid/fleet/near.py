@@ -14,7 +14,7 @@ from sysid.effects.registry import ADOPTED, EVERY
 from sysid.effects.sensor import SATURATIONS
 from sysid.fleet.closed import Block, column
 from sysid.logs.log import Log
-from sysid.minimum.minimise import DOUBTFUL, State
+from sysid.minimum.minimise import State
 from sysid.model.plant import LOW_Q
 from sysid.model.span import inverted
 from sysid.model.theta import NAMES
@@ -249,8 +249,8 @@ def _uncovered(
 
 def _undescribed(state: State, views: Sequence[LinearisedLog], reference: tuple[float, float]) -> str:
     """Why such plates are not for the batch, as far as their place in the logs tells; "" where they are."""
-    f0 = reference[0] + state.named.f0
-    if np.pi * f0 * state.tau < DOUBTFUL * LOW_Q:
+    q = np.pi * (reference[0] + state.named.f0) * state.tau
+    if q < LOW_Q:
         return "its Q is low"
     if flank.seen(state, reference) is not None:
         return "its resonance lies outside of all that was driven"

@@ -34,7 +34,7 @@ NEW = Rounds()  # for logs of whose noise nothing is known
 ESTIMATED = Rounds(known=1)  # for logs whose noise was estimated at a minimum nearby
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
 MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
-DOUBTFUL = 1.4  # times LOW_Q, below which the data decide whether the fast mode ripples
+RIPPLES = 2.0  # log-likelihood, as of what moves a parameter by two errors, that a ripple may be worth
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,16 @@ def shares(states: Sequence[State]) -> np.ndarray:
     evidence = np.array([s.evidence for s in states])
     weight = np.exp(evidence - evidence.max())
     return weight / weight.sum()
+
+
+def rippling(state: State, q: float) -> float:
+    """What the fast mode's ripple may be worth, in log-likelihood: it rings with 1/(4 Q) of the response for
+    about tau after each change of the drive."""
+    worth = 0.0
+    for t in (t for t in state.trials if t.resonant and t.driven and not t.steady and t.log.theta is None):
+        rows = min(t.changes * state.tau / t.spacing, len(t.log)) if t.spacing else len(t.log)
+        worth += 0.5 * rows * (t.scale / (4 * q * max(t.noise.std, 1e-300))) ** 2
+    return worth
 
 
 def hopeful(state: State, cost: float) -> bool:
@@ -194,13 +204,12 @@ class Minimiser:
         theta: np.ndarray,
         rounds: Rounds = NEW,
     ) -> State:
-        """The minimum near `theta`; where Q is low the better of that with the fast mode's ripple and that
-        without, as behind a lock-in that removes it."""
+        """The minimum near `theta`; where the fast mode's ripple may be seen the better of that with it and
+        that without, as behind a lock-in that removes it."""
         if not any(t.resonant and not t.steady for t in trials):
             return self._descend(trials, theta, False, rounds)
         state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds)
-        q = self._q(state.theta)
-        if not state.low_q and q > DOUBTFUL * LOW_Q:
+        if not state.low_q and rippling(state, self._q(state.theta)) < RIPPLES:
             return state
         other = self._descend(trials, state.theta, not state.low_q, rounds)
         return min(state, other, key=lambda s: (not s.converged, s.cost))

@@ -129,6 +129,11 @@ class LogResponse:
         whatever the log states."""
         return self.at(np.zeros((len(self.hold.drive), len(taus))), (taus, order)).forced
 
+    @property
+    def ripple(self) -> np.ndarray:
+        """(n,) by how much `forced` is another where the fast mode rings after each change of the inputs."""
+        return self.at(np.zeros(len(self.hold.drive)), rings=True).forced - self.forced
+
     @cached_property
     def plate(self) -> np.ndarray:
         """What an amplitude shows the size of: response, start and an offset."""
@@ -139,9 +144,10 @@ class LogResponse:
         """Response to another drive (M,), V."""
         return replace(self, hold=self.hold._replace(drive=drive)).forced
 
-    def at(self, rates: np.ndarray, filter: tuple[Any, int] | None = None) -> Response:
+    def at(self, rates: np.ndarray, filter: tuple[Any, int] | None = None, rings: bool = False) -> Response:
         """Response of each row, (n,) or (n, K), with `rates` (M,) or (M, K), rad/s, added to the slow pole.
-        `filter`: time constant and number of poles, instead of the stated ones."""
+        `filter`: time constant and number of poles, instead of the stated ones; `rings`: the fast mode does,
+        which a filter removes."""
         trial, hold, (smoothing, order) = self.trial, self.hold, filter or self.trial.smoothing
         own = [
             v if rates.ndim == 1 else v[:, None]
@@ -158,7 +164,7 @@ class LogResponse:
             forced = self.gain * (hold.drive * steady(tau, detuning, omega, np))[hold.interval]
             return Response(forced, np.zeros_like(forced), np.zeros_like(forced))
         carrier = trial.resonant and trial.log.theta is not None
-        found = respond(tau, detuning, hold, False, carrier, trial.begun, order, xp=np)
+        found = respond(tau, detuning, hold, rings, carrier, trial.begun, order, xp=np)
         free = self.gain * found.free if trial.begun else found.free
         return Response(self.gain * found.forced, self.gain * found.rate, free)
 

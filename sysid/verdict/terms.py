@@ -20,6 +20,10 @@ RUNNING = (
     " {:.2g} Hz {}, {:.2g} of"
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
+RIPPLING = (
+    "{}: after a change of the drive it rings at twice its frequency, by a part of what a plate does, as behind"
+    " a lock-in's filter; state lockin_tau_s and lockin_order"
+)
 RINGING = (0.25, 1.0)  # half bandwidths beside the resonance, at which an amplitude rings
 
 
@@ -46,7 +50,17 @@ def _of_one(i: int, view: LinearisedLog) -> Iterator[Term]:
     if trial.steady:
         yield from _background(i, view)
     else:
-        yield from chain(_under_amplitude(i, view), moments(i, view))
+        yield from chain(_under_amplitude(i, view), moments(i, view), _rippling(i, view))
+
+
+def _rippling(i: int, view: LinearisedLog) -> Iterator[Term]:
+    """A part of the fast mode's ringing, all of which a filter removes or none."""
+    trial = view.trial
+    if trial.resonant and trial.driven and trial.log.theta is None:
+        shape = view.observed(view.course.ripple[None]).T
+        if np.any(shape):
+            said = RIPPLING.format(trial.log.name)
+            yield Term("filter", {i: shape}, lambda *_: said, i, alike=True)
 
 
 def _off_resonance(i: int, view: LinearisedLog) -> Iterator[Term]:
