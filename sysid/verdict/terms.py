@@ -21,8 +21,8 @@ RUNNING = (
     " its standard deviations; sweep back as well, or leave delay_s out"
 )
 RIPPLING = (
-    "{}: after a change of the drive it rings at twice its frequency, by a part of what a plate does, as behind"
-    " a lock-in's filter; state lockin_tau_s and lockin_order"
+    "{}: after a change of the drive it rings at twice its frequency, by a part of what a plate does, as"
+    " behind a lock-in's filter; state lockin_tau_s and lockin_order"
 )
 RINGING = (0.25, 1.0)  # half bandwidths beside the resonance, at which an amplitude rings
 
