@@ -270,7 +270,7 @@ def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """The trial as a transient of that dwell; what a recorder spoilt was found once, and stays out."""
     time = max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log))
     log = replace(trial.log, time=time, kind="transient", sampling="settled")
-    new = Trial.of(log, "transient", trial.nuisances)
+    new = Trial.of(log, "transient", trial.nuisances, np.zeros(len(log), bool))
     if len(new.log) == len(trial.log):
         there = new.there & trial.there
         new = replace(new, there=there, noise=replace(new.noise, kept=there), dark=trial.dark)

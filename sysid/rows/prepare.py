@@ -37,11 +37,11 @@ class Rows:
     most: int  # rows, if condensed no more than a filter asks for
 
 
-def prepare(log: Log, kind: str, longest: int = LONG) -> Rows:
+def prepare(log: Log, kind: str, longest: int = LONG, spoilt: np.ndarray | None = None) -> Rows:
     """The log, condensed where it has more than `longest` rows; settled points without the delay of their
-    sensor."""
+    sensor. `spoilt` (n,): what a recorder spoilt, if that is known."""
     dark, steady = lost(log), kind == "steady"
-    spoilt = glitches(filled(log, dark)) & ~dark
+    spoilt = (glitches(filled(log, dark)) if spoilt is None else spoilt) & ~dark
     gone = dark | spoilt
     log = levelled(undelayed(filled(log, gone)) if steady else filled(log, gone))
     unseen = None if steady else gaps(log)

@@ -61,9 +61,12 @@ class Trial(Record):
         return new
 
     @classmethod
-    def of(cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES) -> "Trial":
-        """A log as it is first read: nothing is known of its noise."""
-        read = prepare(log, kind)
+    def of(
+        cls, log: Log, kind: str, nuisances: tuple[str, ...] = NUISANCES, spoilt: np.ndarray | None = None
+    ) -> "Trial":
+        """A log as it is first read: nothing is known of its noise, nor of what is `spoilt` (n,) unless
+        given."""
+        read = prepare(log, kind, spoilt=spoilt)
         steps = np.zeros(0) if log.time is None else np.diff(log.time)
         spacing = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
         rectified = (
