@@ -86,6 +86,18 @@ def test_a_channel_that_is_a_copy_or_dead_is_refused(save):
     )
 
 
+def test_columns_of_drive_and_frequency_that_are_swapped_are_refused(save):
+    """A step of the voltage is then one from 0 Hz; rows of a sweep, or the first of a chirp, may be at 0 Hz."""
+    head = "time_s,voltage_V,frequency_Hz,wd_um,wq_um"
+    volts = np.where(np.arange(len(T)) < 20, 0.0, V.max())
+    swapped = table(
+        head, (T, np.full(len(T), F0), volts, RISE + noise(len(T), 3).real, noise(len(T), 4).real)
+    )
+    refused(save(swapped), "rows with a drive at a frequency of 0, from row 0", "a drive of 0")
+    chirp = table(head, (T, V, np.linspace(0, 50, len(T)), RISE, noise(len(T), 4).real))
+    assert read_logs(save(chirp))[0].frequency[0] == 0.0
+
+
 @pytest.mark.parametrize(("low", "said"), [(True, "-0.025 in q"), (False, "0.025 in q")])
 def test_a_channel_that_is_clipped_is_named_with_its_sign(low, said):
     """Wq goes from +A/2 to -A/2 through the resonance."""

@@ -217,7 +217,7 @@ THE_FILE_IS_WRONG = {
     "time backwards": Case(
         lambda b: through_csv(b.step(), lambda text: "\n".join([*(r := text.split("\n"))[:3], *r[:2:-1]])), "refused", "time|expected"),
     "voltage and frequency swapped": Case(
-        lambda b: through_csv(b.step(), swapped("voltage_V", "frequency_Hz")), "refused or open", "cannot tell|second resonance|one resonance"),
+        lambda b: through_csv(b.step(), swapped("voltage_V", "frequency_Hz")), "refused or open", "called the other"),
     "time and frequency swapped": Case(
         lambda b: through_csv(b.step(), swapped("time_s", "frequency_Hz")), "refused or open", "one moment|time|cannot tell"),
     "frequency in kHz called Hz, in one of two": Case(

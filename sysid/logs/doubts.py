@@ -34,8 +34,10 @@ THERE = 0.1  # of the largest response: of less a phase may be noise
 def doubted(log: "Log", celsius: bool = True) -> "Log":
     """The log, without readings of its thermometer that are none, and with a warning of these, and where its
     temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin, its frequency to be in kHz, or
-    one channel of its response was not recorded. Raises LogError where that is one of a sweep."""
+    one channel of its response was not recorded. Raises LogError where that is one of a sweep, where rows
+    are the oscillation itself, or driven at 0 Hz."""
     _refuse_oscillation(log)
+    _refuse_direct(log)
     return _kelvin(_kilohertz(_recorded(_ready(log))), celsius)
 
 
@@ -111,6 +113,18 @@ def _ready(log: "Log") -> "Log":
     )
     between = np.interp(index, index[~wrong], warm[~wrong])
     return _warned(dataclasses.replace(log, temperature=between), said)
+
+
+def _refuse_direct(log: "Log") -> None:
+    """Raise LogError where rows of a transient are driven at 0 Hz, of which there is no amplitude and no
+    phase, and others are not; the first row of a chirp may be."""
+    if log.kind != "transient" or log.frequency is None or log.drive is None or not np.any(log.frequency):
+        return
+    rows = np.flatnonzero((log.frequency == 0) & (log.drive != 0))
+    if len(rows) > 1:
+        found = f"{len(rows)} rows with a drive at a frequency of 0, from row {rows[0]} (counted from 0) on"
+        do = "what each row is driven at, or a drive of 0; is one column called the other"
+        raise LogError(f"{log.path or log.name}: found {found}; expected {do}?")
 
 
 def _refuse_oscillation(log: "Log") -> None:
