@@ -215,6 +215,16 @@ def test_what_shows_is_not_taken_not_to_be_there(bench):
     assert "amplitude_damping" not in {a.key for a in found.assumed}
 
 
+def test_a_log_without_a_frequency_hides_nothing_of_one():
+    """A step of first order (closed form): no frequency of its plate may depend on the amplitude."""
+    time = np.arange(-0.05, 0.4, 0.002)
+    rise = 6.6 * (1 - np.exp(-np.maximum(time, 0.0) / 0.045))
+    noise = 0.02 * np.random.default_rng(5).standard_normal(len(time))
+    fit = sysid.fit([sysid.Log("step", rise + noise, time, np.where(time >= 0, 2.0, 0.0))])
+    assert "duffing" not in {a.key for a in fit.assumed}
+    assert abs(fit.parameters["tau"].value - 0.045) < 4 * fit.parameters["tau"].std < 0.004
+
+
 def test_what_would_move_k_t_alone_is_not_told(linear, monkeypatch):
     """A sentence on it would name no parameter."""
     fit, tried = linear
