@@ -32,7 +32,7 @@ trials     noise whitening bench record trial experiment heat perturbed projecte
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift mode beside blur stretch registry
 verdict    result finding identify wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
-           sensor_delay amplitude_offset differing term firstorder timing between throughout terms linear averaged misfit
+           sensor_delay differing term firstorder timing between throughout terms linear averaged misfit amplitude_offset
            inconsistent_log conjugate_phase conclusion ownership decay bench comparison
 reading
 adoption   description point search adopt

@@ -186,3 +186,18 @@ def test_points_that_have_not_settled_behind_the_stated_filter_are_no_settled_po
     said = " ".join(sysid.fit([lagging_sweep(0, "steady")]).warnings)
     assert "still holds 14 % of each point" in said
     assert "still holds" not in " ".join(sysid.fit([lagging_sweep(0, "steady", 8.0)]).warnings)
+
+
+@pytest.mark.parametrize("offset", [-3.1, 3.1])  # above its noise, where rows of one sign might be amplitudes
+def test_of_two_poles_of_a_step_without_a_frequency_the_slower_is_the_plants(offset):
+    """A photodiode behind an oscilloscope's input (closed form): either pole may be the plant's, which is no
+    reason to tell none."""
+    time = 0.02 * np.arange(-100, 500)
+    since = np.maximum(time, 0.0)
+    rise = 1 - (2.2 * np.exp(-since / 2.2) - 0.16 * np.exp(-since / 0.16)) / (2.2 - 0.16)
+    noise = 0.8 * np.random.default_rng(0).standard_normal(len(time))
+    fit = sysid.fit([sysid.Log("rise", 180 * rise + offset + noise, time, np.where(time >= 0, 1.5, 0.0))])
+    tau, G = fit.parameters["tau"], fit.parameters["G"]
+    assert fit.result == "successful" and [f.key for f in fit.findings][:1] == ["filter"]
+    assert abs(tau.value - 2.2) < 3 * tau.std < 0.03
+    assert abs(G.value - 120) < 3 * G.std < 0.1 * 120

@@ -216,9 +216,10 @@ class Points:
         """Whether all numbers, with this covariance, are those of their effects."""
         driven = state.G * self.about.drive / self.about.top if "G" in self.names else 0.0
         own = max(1.0, driven)  # modes may take something away from one another
+        beside = state.tau, self.about.tau, own
         each = zip(instances, self.parts(instances), strict=True)
         return all(
-            x.effect.sensible(self.trials[i], Fitted(numbers[part], covariance[part, part], state.tau, own))
+            x.effect.sensible(self.trials[i], Fitted(numbers[part], covariance[part, part], *beside))
             for x, part in each
             for i in x.where
         )

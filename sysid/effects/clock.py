@@ -11,12 +11,12 @@ from sysid.effects.effect import (
     SEEN,
     About,
     Effect,
+    Fitted,
     Told,
     course,
     in_order,
     nowhere,
     one_way,
-    positive,
     shifted,
     undone,
 )
@@ -130,6 +130,11 @@ def _filter(order: int) -> Effect:
         what = f"{says} one of {poles} of {time.value:.3g} ± {time.std:.1g} s"
         return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
 
+    def makes_sense(trial: Trial, fitted: Fitted) -> bool:
+        # without a frequency either of two poles may be the plant's, and the slower one is taken for it
+        mirrored = not trial.resonant and fitted.values[0] * fitted.before > order * fitted.tau
+        return fitted.positive() and not mirrored
+
     return Effect(
         name="filter",
         shows=shows,
@@ -143,7 +148,7 @@ def _filter(order: int) -> Effect:
         known_as=("late",),
         stated=stated,
         colour=colour,
-        makes_sense=positive,
+        makes_sense=makes_sense,
     )
 
 

@@ -71,11 +71,13 @@ class About(NamedTuple):
 
 class Fitted(NamedTuple):
     """Numbers (d,) of an effect as they are fitted to a log, and their covariance; tau (s) of the plate that
-    is fitted beside it, and its largest response over that of the logs, or 1 where it is less."""
+    is fitted beside it, that without it, which numbers may be in, and the plate's largest response over that
+    of the logs, or 1 where it is less."""
 
     values: np.ndarray
     covariance: np.ndarray
     tau: float
+    before: float
     own: float = 1.0
 
     @property

@@ -10,7 +10,7 @@ than chance would; if it moves G or tau of a driven log by more than their error
 tell whether it is there; and where the rows at rest leave no doubt: a step alone cannot tell the offset's
 direction, but then G is not known better than that. Rows of one sign without a frequency are read as the
 output of a first-order plant, on an offset of its own; the amplitude on one of d and q is kept instead where
-it describes them better.
+it describes them better and leaves nothing that an effect may explain.
 """
 
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ from sysid.model.theta import NAMES
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, with_noise
+from sysid.verdict.misfit import described
 
 FEW = 4  # rows at rest, of which nothing is told
 SEEN = -1.0  # standard deviations of the power at rest, above which an offset is tried
@@ -59,7 +60,7 @@ def with_offsets(minimiser: Minimiser, states: list[State]) -> tuple[list[State]
         if rest is None or rest.seen < SEEN:
             continue
         best = _fitted(minimiser, states[0], i, rest)
-        if _there(rest, states[0], best, i):
+        if _there(minimiser, rest, states[0], best, i):
             states = minimiser.imaged([best, *(_fitted(minimiser, s, i, rest) for s in states[1:])])
             said.append(_said(states[0].trials[i]))
     return states, said
@@ -149,13 +150,15 @@ def _with(trials: Sequence[Trial], i: int, trial: Trial) -> tuple[Trial, ...]:
     return (*trials[:i], trial, *trials[i + 1 :])
 
 
-def _there(rest: _Rest, before: State, after: State, i: int) -> bool:
+def _there(minimiser: Minimiser, rest: _Rest, before: State, after: State, i: int) -> bool:
     worth = after.likelihood - before.likelihood
     if before.converged and not after.converged and worth < 0:
         return False  # noise of long memory is larger at rest than its neighbouring rows tell
     nested = before.trials[i].signed  # it has an offset already, of the response's own direction
     if rest.seen > SURE and not nested:
         return True
+    if nested and not described(minimiser, after):
+        return False  # it bends a response as it begins, as what else there is may do
     tells = worth > SOME if nested else before.trials[i].driven
     return after.converged and (worth > WORTH or (tells and _moved(before, after) > MOVES))
 

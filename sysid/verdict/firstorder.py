@@ -127,7 +127,7 @@ class Place:
         if np.any(np.abs(value) > WITHIN):
             return True
         numbers = self._with(self.values, value)
-        fitted = Fitted(numbers, self._exact, self.about.tau)
+        fitted = Fitted(numbers, self._exact, self.about.tau, self.about.tau)
         sense = self.effect.sensible(self.trial, fitted) if self.shown else bool(value[0] > 0)
         return sense and not self.effect.noise_like(self.trial, numbers)
 
