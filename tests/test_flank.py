@@ -84,6 +84,18 @@ def test_a_tail_determines_nothing(first, last):
     assert said(fit)
 
 
+@pytest.mark.parametrize("part", [np.array, np.abs])
+def test_a_flank_in_noise_is_the_reason(part):
+    """Points from 2.5 half bandwidths on that do not tell how wide the resonance is: a larger step, or a wider
+    sweep about the peak of what was swept, would not hold its peak either."""
+    log = swept(-8, -2.5, noise=0.02, seed=3)
+    fit = sysid.fit([sysid.Log("sweep", part(log.response), None, log.drive, log.frequency)])
+    assert fit.result.name == "undetermined"
+    for name in ("G", "tau", "f0"):
+        why = fit.parameters[name].why
+        assert "above all frequencies that were driven" in why and "half bandwidths" not in why
+
+
 def test_a_tail_recorded_with_its_time_determines_nothing():
     """Its points have settled by the time that they are read."""
     time = np.arange(ROWS) * 10 * PLANT.tau

@@ -25,11 +25,11 @@ def parameter(
     fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None
 ) -> Parameter:
     """The estimate of one parameter, or why there is none."""
-    if informed(fit, name, value, std):
-        if fit.flank is not None and fit.flank.undetermined:
-            return Parameter(
-                None, None, None, fit.units[name], False, f"cannot tell, because {fit.flank.said()}"
-            )
+    known, flank = informed(fit, name, value, std), fit.flank
+    if flank is not None and (flank.undetermined if known else _for_its_peak(fit, name)):
+        why = f"cannot tell, because {flank.said(known)}"
+        return Parameter(None, None, None, fit.units[name], False, why)
+    if known:
         if name in fit.lone:
             return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
         ci95 = ci95 or (value - NORMAL95 * std, value + NORMAL95 * std)
@@ -42,6 +42,12 @@ def parameter(
     elif name in fit.priors and not _told(fit, name):
         said = f"{said} (what is stated of it beforehand is not what the logs tell)"
     return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def _for_its_peak(fit: Fit, name: str) -> bool:
+    """Whether the logs do not tell a parameter as they show the flank of one resonance, and not its peak."""
+    shown = fit.modes[0].converged and not identify.buried(fit.modes[0].trials)
+    return shown and fit.flank.alone and _told(fit, name) and not _modes(fit, name)
 
 
 def undescribed(found: Parameter) -> Parameter:

@@ -35,12 +35,12 @@ class Flank(NamedTuple):
         """No more than the tail of the resonance was seen."""
         return self.alone and abs(self.halves) > TAIL
 
-    def said(self) -> str:
-        """In words."""
+    def said(self, wide: bool = True) -> str:
+        """In words; `wide`: the logs tell how wide the resonance is."""
         side, edge = ("above", self.highest) if self.beyond > 0 else ("below", self.lowest)
+        halves = f", {abs(self.halves):.2g} half bandwidths," if wide else ""
         return (
-            f"the best resonance lies {abs(self.beyond):.3g} Hz, {abs(self.halves):.2g} half bandwidths,"
-            f" {side} all frequencies"
+            f"the best resonance lies {abs(self.beyond):.3g} Hz{halves} {side} all frequencies"
             f" that were driven ({self.lowest:.7g} to {self.highest:.7g} Hz): they show its flank, and not"
             f" its peak; sweep on"
             f" from {edge:.7g} Hz, through it"

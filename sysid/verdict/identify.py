@@ -284,7 +284,7 @@ def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as"
             " metadata"
         )
-    if all(t.log.amplitude_only for t in trials if t.resonant):
+    if all(t.log.amplitude_only and not t.swept for t in trials if t.resonant):
         return (
             "cannot tell, because the amplitude of a step near resonance does not depend on the detuning;"
             " record wd and wq,"
