@@ -144,6 +144,19 @@ def test_a_wrong_number_of_poles_is_told(seeds, among):
             assert abs(fit.parameters[name].value - truth) < 4 * fit.parameters[name].std, (seed, name)
 
 
+@seeds(1, 4)
+def test_noise_of_the_recorder_itself_hides_no_poles(seeds, among):
+    """A quarter of what comes through the four poles, by which noise of their colour alone is none: the filter
+    was one of two poles, each nearly twice as slow, with its time nine errors off."""
+    for seed in seeds:
+        log = filtered_step(seed, 2e-4, 4, 5e-4, rows=400)
+        log = replace(log, response=log.response + 0.004 * through(seed, 2e-4, 4, 400))
+        fit = sysid.fit([log, settled_sweep(seed, 2e-3)], nuisances=among("filter", "delay"))
+        (found,) = (f for f in fit.findings if f.outcome in ("fitted", "refused"))
+        time = found.numbers["lockin_tau_s"]
+        assert found.numbers["lockin_order"].value == 4 and abs(time.value - 2e-4) < 3 * time.std < 3e-5
+
+
 def test_what_may_as_well_be_another_filter_is_not_fitted():
     """In noise of 3 % a filter of a tenth of tau is a lateness like any other."""
     for fit in fitted(range(2), 1e-4, 2, noise=0.03):

@@ -32,7 +32,9 @@ ROUNDS = 3  # of the numbers and the colour of the noise in turn
 LONG = 512  # rows, which tell the colour of a log's noise well enough
 TOLD = 0.1  # of what a log tells of tau, that has to be left beside what happened in it
 EXACT = 1e-200  # of a variance, as of a number without an error
-NUGGET = 1e-6  # of the power of noise behind a filter: a recorder's own
+# of the power of noise behind a filter, what is the recorder's own, after it: next to nothing, or as much as
+# leaves a colour to be seen
+OWN = (1e-6, 1e-3, 0.01, 0.1, 0.5)
 
 
 class Search:
@@ -222,9 +224,10 @@ class Search:
 
 def _coloured(point: Point, points: Points) -> float:
     """Log likelihood that it is worth that the noise of logs went through what is there, and has its
-    colour: of rows r (n,) with the correlation C, each at its best level,
+    colour, but for what the recorder adds: of rows r (n,) with the correlation C of either, each at its best
+    level and of the best share s of the recorder's,
 
-        n log(sum |r|^2/sum |L^-1 r|^2)/2 - log det L,    C = L L^T
+        n log(sum |r|^2/sum |L^-1 r|^2)/2 - log det L,    (1 - s) C + s = L L^T
     """
     gained = 0.0
     for x, part in zip(point.instances, points.parts(point.instances), strict=True):
@@ -232,14 +235,20 @@ def _coloured(point: Point, points: Points) -> float:
             trial, n = point.state.trials[i], min(len(point.state.trials[i].log), LONG)
             left = trial.residual(trial.as_recorded(point.state.models[i]))[:n]
             alike = x.effect.colour(point.numbers[part], points.about, trial.spacing * np.arange(n))
-            factor = cholesky(toeplitz(alike) + NUGGET * np.eye(n), lower=True)
             rows = np.stack([left.real, left.imag], axis=1)
-            own = solve_triangular(factor, rows, lower=True)
-            ratio = float(np.sum(rows**2) / max(np.sum(own**2), 1e-300))
-            volume = trial.channels * float(np.sum(np.log(np.diag(factor))))
             dof = freedom(trial) * n / len(trial.log)
-            gained += max(0.5 * dof * float(np.log(max(ratio, 1e-300))) - volume, 0.0)
+            shares = ((1 - own) * toeplitz(alike) + own * np.eye(n) for own in OWN)
+            gained += max(0.0, *(_worth(rows, alike, dof, trial.channels) for alike in shares))
     return gained
+
+
+def _worth(rows: np.ndarray, alike: np.ndarray, dof: float, channels: int) -> float:
+    """Log likelihood of rows (n, 2) with a correlation (n, n) over that of rows of their own."""
+    factor = cholesky(alike, lower=True)
+    own = solve_triangular(factor, rows, lower=True)
+    ratio = float(np.sum(rows**2) / max(np.sum(own**2), 1e-300))
+    volume = channels * float(np.sum(np.log(np.diag(factor))))
+    return 0.5 * dof * float(np.log(max(ratio, 1e-300))) - volume
 
 
 def _likely(tried: Sequence[Group]) -> list[Group]:
