@@ -54,3 +54,17 @@ def test_the_noise_that_lifts_the_amplitudes_is_no_better_known_than_its_scatter
     # Rice's law tells G and tau a little better than its mean and spread, of which the fit is made: by 1 % at
     # most here.
     np.testing.assert_allclose(np.median(stated, axis=0), 1, atol=0.03)
+
+
+def test_an_acceleration_taken_for_a_displacement_is_named():
+    """Its amplitude w^2/|w0^2 - w^2 + 2j w/tau| is that of a displacement and a feedthrough of 1/Q of the peak
+    (closed form)."""
+    f, f0, Q = np.linspace(120, 240, 121), 180.0, 25.0
+    x = f / f0
+    clean = x**2 / np.abs(1 - x**2 + 1j * x / Q)
+    noise = 0.02 * np.random.default_rng(2).standard_normal(len(f))
+    fit = sysid.fit(sysid.Log("shaker", clean + noise, None, np.ones(len(f)), f, kind="steady"))
+    (found,) = (found for found in fit.findings if found.key == "feedthrough")
+    size = found.numbers["in_quadrature"]
+    assert abs(abs(size.value) - 1 / Q) < 4 * size.std < 0.01 and "quantity" in found.sentence
+    assert abs(fit.parameters["f0"].value - f0) < 4 * fit.parameters["f0"].std

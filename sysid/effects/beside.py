@@ -37,7 +37,8 @@ def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
     return Told(
         f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest"
         f" response",
-        "of a capacitance in parallel, or of a resonance outside of the sweep; record wd and wq, or both"
+        "of a capacitance in parallel, of a resonance outside of the sweep, or as a velocity or an"
+        " acceleration is no displacement (state its quantity in a mapping file); record wd and wq, or both"
         " parts of the admittance",
     )
 
