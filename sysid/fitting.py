@@ -83,7 +83,7 @@ def fit(
         question, found, sure = _with_effects(question, found, names, bool(restless))
     if restless and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
         return told
-    if not found.parameters["tau"].determined and (told := _of_decays(best, given, every=True)) is not None:
+    if not found.parameters["tau"].determined and (told := _of_decays(best, given, found)) is not None:
         return told
     return replace(_widened(question, found, "late" in nuisances), judged=None)
 
@@ -169,11 +169,11 @@ def _alike(found: Fit, decay: Fit) -> bool:
     return tau.determined and abs(tau.value - alone.value) < CONTRADICTS * alone.std
 
 
-def _of_decays(best: State, given: Mapping[str, Any], every: bool = False) -> Fit | None:
-    """The fit of what is left of the logs without the driven rows that no plate explains; None where there
-    are none, or where what is left tells no tau."""
-    logs, said = decays(best, every)
-    return of_decays(fit(logs, **given), said) if logs else None
+def _of_decays(best: State, given: Mapping[str, Any], whole: Fit | None = None) -> Fit | None:
+    """The fit of what is left of the logs without the driven rows that no plate explains, or with which the
+    fit of the `whole` tells no tau; None where there are none, or where what is left tells no tau."""
+    logs, said = decays(best, whole)
+    return of_decays(fit(logs, **given), said, whole) if logs else None
 
 
 def _widened(question: FitProblem, found: Fit, late: bool) -> Fit:

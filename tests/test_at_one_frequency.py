@@ -99,3 +99,20 @@ def test_a_feedthrough_at_another_temperature_is_as_large_as_that_of_the_sweep(s
     z = scores(seeds, made, "k_T")
     assert len(z) > len(seeds) / 2
     assert np.sqrt(np.mean(z**2)) < most(seeds, 3)
+
+
+def test_an_amplitude_of_two_resonances_alike_is_no_restless_plate():
+    """A step and its end 8 Hz above the resonance, as amplitudes (closed form, of a resonance so narrow that
+    either side is the same): the decay tells tau, and what is said of the rest is what hides the side."""
+    time, tau, beside = np.arange(0.0, 1.2, 0.002), 0.1, 8.0
+    pole = -1 / tau - 2j * np.pi * beside
+    rise, fall = (1 - np.exp(pole * np.maximum(time - t, 0.0)) for t in (0.1, 0.6))
+    clean = np.abs(-2.0 / tau / pole * (rise - fall))
+    rng = np.random.default_rng(4)
+    rows = np.abs(clean + 0.004 * (rng.standard_normal(600) + 1j * rng.standard_normal(600)))
+    drive = np.where((time > 0.0999) & (time < 0.5999), 4.0, 0.0)
+    fit = sysid.fit(sysid.Log("beat", rows, time, drive, np.full(600, 1000.0 + beside)))
+    found = fit.parameters["tau"]
+    assert abs(found.value - tau) < 4 * found.std < 0.01 and "restless" not in " ".join(fit.warnings)
+    for name in ("G", "f0"):
+        assert fit.parameters[name].determined or "which side" in fit.parameters[name].why

@@ -15,32 +15,46 @@ from sysid.rows.condense import taken
 from sysid.trials.trial import Trial
 from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import seconds
+from sysid.verdict.result import Result
 from sysid.verdict.unexplained import left_of
 
 LEAST_ROWS = 20  # of a decay: its tau to a few per cent in noise of a tenth
 LEFT_OUT = "cannot tell, because the rows that are driven are left out; record a step with the bench at rest"
 
 
-def decays(state: State, every: bool = False) -> tuple[list[Log], list[str]]:
+RESTLESS = "are not those of a plate that is driven and stays as it is: restless"
+
+
+def decays(state: State, whole: Fit | None = None) -> tuple[list[Log], list[str]]:
     """The logs, those of which the model leaves most cut to the decay at their end, and a sentence on each;
-    none if it leaves most of none. `every`: of those of which it leaves less as well."""
+    none if it leaves most of none. `whole`: those of which it leaves less as well, of logs of which this fit
+    tells no tau."""
+    cause = RESTLESS if whole is None or not _described(whole) else f"leave tau open ({_cause(whole)})"
     logs, said = [], []
     for i, trial in enumerate(state.trials):
         log = trial.whole or trial.log
         begin = _free_from(trial, log)
-        left = None if begin is None or every else left_of(state, i)
-        if begin is None or not (every or (left is not None and left.mostly)):
+        left = None if begin is None or whole else left_of(state, i)
+        if begin is None or not (whole or (left is not None and left.mostly)):
             logs.append(log)
             continue
         logs.append(taken(log, np.arange(begin, len(log))))
         since = seconds(float(log.time[begin] - log.time[0]))
         said.append(
             f"{log.name}: its rows 0 to {begin - 1}, before the drive is off for good {since} after the"
-            f" first, are not those of a"
-            " plate that is driven and stays as it is: restless; they are left out, and tau is that of the"
-            " decay after them"
+            f" first, {cause}; they are left out, and tau is that of the decay after them"
         )
     return (logs, said) if said else ([], [])
+
+
+def _described(fit: Fit) -> bool:
+    """Whether the plate describes the logs, be they enough or not."""
+    return fit.result is Result.undetermined
+
+
+def _cause(fit: Fit) -> str:
+    """Why a fit tells no tau, and what would."""
+    return (fit.parameters["tau"].why or "").removeprefix("cannot tell, because ")
 
 
 def _free_from(trial: Trial, log: Log) -> int | None:
@@ -51,11 +65,16 @@ def _free_from(trial: Trial, log: Log) -> int | None:
     return begin if LEAST_ROWS <= len(log) - begin < len(log) else None
 
 
-def of_decays(found: Fit, said: list[str]) -> Fit | None:
-    """The fit of the decays with what was left out; None where they tell no tau either."""
+def of_decays(found: Fit, said: list[str], whole: Fit | None = None) -> Fit | None:
+    """The fit of the decays with what was left out, of logs of which the fit `whole` tells no tau; None where
+    they tell none either."""
     if not found.parameters["tau"].determined:
         return None
     parameters = dict(found.parameters)
     if not parameters["G"].determined:
         parameters["G"] = replace(parameters["G"], why=LEFT_OUT)
+    for name in whole.names if whole is not None and _described(whole) else ():
+        if not parameters[name].determined:
+            why = whole.parameters[name].why or whole.parameters["tau"].why
+            parameters[name] = replace(parameters[name], why=why)
     return replace(found, parameters=parameters, warnings=(*said, *found.warnings))
