@@ -59,7 +59,7 @@ class Search:
         within = followed[0].cost + WITHIN if followed else np.inf
         hopeful = [min(p.cost, self.hoped(p)) < within for p in followed]
         optima = [
-            self.by_its_motion(self.followed(p, STEPS)) if hope else p
+            self.by_its_motion(self.beyond_rows(self.followed(p, STEPS))) if hope else p
             for p, hope in zip(followed, hopeful, strict=True)
         ]
         each = [
@@ -127,6 +127,20 @@ class Search:
         step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.points.stds(point.instances))))
         there = (self.points.onward(point, share * step) for share in SHARES)
         return next((p for p in there if p.cost < point.cost), None)
+
+    def beyond_rows(self, point: Point) -> Point:
+        """The optimum that lies beyond rows of a log from another: of a number by which the response changes
+        from row to row, each row may hold one."""
+        parts, steps = self.points.parts(point.instances), self.points.steps(point.instances)
+        stepped = [
+            np.eye(len(steps))[part] for x, part in zip(point.instances, parts, strict=True) if x.effect.steps
+        ]
+        for way in (way * steps for along in stepped for row in along for way in (row, -row)):
+            further = point
+            while (there := self.points.onward(further, way)).cost < further.cost:
+                further = there
+            point = self.followed(further, STEPS) if further is not point else point
+        return point
 
     def by_its_motion(self, point: Point) -> Point:
         """The optimum near another where what is fed beside a plate is no motion of it, if that is better. It
