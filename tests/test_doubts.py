@@ -93,7 +93,7 @@ def test_columns_of_drive_and_frequency_that_are_swapped_are_refused(save):
     swapped = table(
         head, (T, np.full(len(T), F0), volts, RISE + noise(len(T), 3).real, noise(len(T), 4).real)
     )
-    refused(save(swapped), "rows with a drive at a frequency of 0, from row 0", "a drive of 0")
+    refused(save(swapped), "its first 20 rows with a drive at a frequency of 0", "a drive of 0")
     chirp = table(
         head, (T, np.full(len(T), V.max()), np.linspace(0, 50, len(T)), RISE, noise(len(T), 4).real)
     )

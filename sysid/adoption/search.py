@@ -131,13 +131,12 @@ class Search:
     def beyond_rows(self, point: Point) -> Point:
         """The optimum that lies beyond rows of a log from another: of a number by which the response changes
         from row to row, each row may hold one."""
-        parts, steps = self.points.parts(point.instances), self.points.steps(point.instances)
-        stepped = [
-            np.eye(len(steps))[part] for x, part in zip(point.instances, parts, strict=True) if x.effect.steps
-        ]
-        for way in (way * steps for along in stepped for row in along for way in (row, -row)):
+        steps = np.diag(self.points.steps(point.instances))
+        parts = zip(point.instances, self.points.parts(point.instances), strict=True)
+        stepped = [step for x, part in parts if x.effect.steps for step in steps[part]]
+        for step in (sign * step for step in stepped for sign in (1.0, -1.0)):
             further = point
-            while (there := self.points.onward(further, way)).cost < further.cost:
+            while (there := self.points.onward(further, step)).cost < further.cost:
                 further = there
             point = self.followed(further, STEPS) if further is not point else point
         return point

@@ -116,13 +116,13 @@ def _ready(log: "Log") -> "Log":
 
 
 def _refuse_direct(log: "Log") -> None:
-    """Raise LogError where rows of a transient are driven at 0 Hz, of which there is no amplitude and no
-    phase, and others are not; the first row of a chirp may be."""
-    if log.kind != "transient" or log.frequency is None or log.drive is None or not np.any(log.frequency):
+    """Raise LogError where a transient begins with rows that are driven at 0 Hz, of which there is no
+    amplitude and no phase, and others are not; the first row of a chirp may be."""
+    if log.kind != "transient" or log.frequency is None or log.drive is None:
         return
-    rows = np.flatnonzero((log.frequency == 0) & (log.drive != 0))
-    if len(rows) > 1:
-        found = f"{len(rows)} rows with a drive at a frequency of 0, from row {rows[0]} (counted from 0) on"
+    rows = int(np.argmax(log.frequency != 0))
+    if rows > 1 and np.all(log.drive[:rows] != 0):
+        found = f"its first {rows} rows with a drive at a frequency of 0"
         do = "what each row is driven at, or a drive of 0; is one column called the other"
         raise LogError(f"{log.path or log.name}: found {found}; expected {do}?")
 
