@@ -34,7 +34,7 @@ NEW = Rounds()  # for logs of whose noise nothing is known
 ESTIMATED = Rounds(known=1)  # for logs whose noise was estimated at a minimum nearby
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
 MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
-RIPPLES = 2.0  # log-likelihood, as of what moves a parameter by two errors, that a ripple may be worth
+RIPPLES = 9.0  # log-likelihood, less than which none of sixty things shows beyond chance (`verdict.misfit`)
 
 
 @dataclass(frozen=True)
@@ -107,11 +107,13 @@ def shares(states: Sequence[State]) -> np.ndarray:
 
 
 def rippling(state: State, q: float) -> float:
-    """What the fast mode's ripple may be worth, in log-likelihood: it rings with 1/(4 Q) of the response for
-    about tau after each change of the drive."""
+    """What the fast mode's ripple may be worth, in log-likelihood: it rings with 1/(4 Q) of what the response
+    changes by for about tau after each change of the drive."""
     worth = 0.0
     for t in (t for t in state.trials if t.resonant and t.driven and not t.steady and t.log.theta is None):
-        rows = min(t.changes * state.tau / t.spacing, len(t.log)) if t.spacing else len(t.log)
+        drive = t.inputs.drive / np.max(np.abs(t.inputs.drive))
+        changes = np.sum(np.diff(drive, prepend=0.0) ** 2)
+        rows = min(changes * state.tau / t.spacing, len(t.log)) if t.spacing else len(t.log)
         worth += 0.5 * rows * (t.scale / (4 * q * max(t.noise.std, 1e-300))) ** 2
     return worth
 
