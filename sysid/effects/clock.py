@@ -93,9 +93,8 @@ def _filter(order: int) -> Effect:
     """A lock-in's filter of so many poles, that no log states, or another than is stated. Its number: the
     delay of all poles together, in tau."""
 
-    def shows(
-        trial: Trial,
-    ) -> bool:  # means over longer than the stated filter would have to be of fewer rows
+    def shows(trial: Trial) -> bool:
+        # means over longer than the stated filter would have to be of fewer rows
         own = trial.whole is None or trial.spacing <= abs(trial.smoothing[0])
         return _timed(trial) and trial.signed and own
 

@@ -53,9 +53,8 @@ def fit_fleet(
     is given how many plates are done, and of how many, as it goes on.
 
     A plate whose logs cannot be read is a row with the reader's sentence under `error`; files of a folder
-    that hold no table are in `attrs["left_out"]`. Raises LogError where
-    there is nothing to fit, OSError where the folder cannot be written, ValueError for a setting that is
-    none.
+    that hold no table are in `attrs["left_out"]`. Raises LogError where there is nothing to fit, OSError
+    where the folder cannot be written, ValueError for a setting that is none.
     """
     from sysid.columns.mapfile import load_mapping
     from sysid.model.prior import checked
@@ -67,10 +66,8 @@ def fit_fleet(
         place = Path(stack.enter_context(tempfile.TemporaryDirectory()) if folder is None else folder)
         own = str(place.absolute() / PLATES) if full else None
         mapping = None if columns is None else str(columns)
-        told = None if nuisances is None else tuple(nuisances)
-        settings = Settings(
-            accuracy, seed, mapping, told, checked(priors or {}), reference_temperature, own, lane
-        )
+        told = (None if nuisances is None else tuple(nuisances)), checked(priors or {})
+        settings = Settings(accuracy, seed, mapping, *told, reference_temperature, own, lane)
         engine, aside = _engine(jobs, scheduler), list[str]()
         read_by = None if mapping is None else load_mapping(mapping)
         plates = grouped(groups, by, read_by, None if folder is None else place, aside)
