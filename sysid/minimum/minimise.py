@@ -111,8 +111,8 @@ def rippling(state: State, q: float) -> float:
     changes by for about tau after each change of the drive."""
     worth = 0.0
     for t in (t for t in state.trials if t.resonant and t.driven and not t.steady and t.log.theta is None):
-        drive = t.inputs.drive / np.max(np.abs(t.inputs.drive))
-        changes = np.sum(np.diff(drive, prepend=0.0) ** 2)
+        most = max(np.abs(t.inputs.drive).max(), 1e-300)  # an effect may leave no drive at all
+        changes = np.sum(np.abs(np.diff(t.inputs.drive, prepend=0.0) / most) ** 2)
         rows = min(changes * state.tau / t.spacing, len(t.log)) if t.spacing else len(t.log)
         worth += 0.5 * rows * (t.scale / (4 * q * max(t.noise.std, 1e-300))) ** 2
     return worth
