@@ -39,6 +39,7 @@ from effects_plate import (
     hurried,
     late,
     lost,
+    overdriven,
     rows,
     second_order,
     stirred,
@@ -169,6 +170,9 @@ KINDS = {
         ("second_pole",),
         ("step, no frequency",),
         lambda b, s: (1 - s) * rows(b) + s * rows(b, Law(tau=5 * TAU)),
+    ),
+    "drive overshoot": Kind(
+        (0.05, 0.25), ("drive_overshoot",), ("step", "pair", "burst"), transient_only(overdriven)
     ),
     "dead band": Kind((1.0, 15.0), **_acting(lambda v, s: np.maximum(v - s, 0.0))),
     "drive limit": Kind((158.0, 130.0), **_acting(np.minimum)),

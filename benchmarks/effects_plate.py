@@ -166,6 +166,19 @@ def rows(bench: Bench, law: Law = Law()) -> np.ndarray:
     return np.array(found)
 
 
+def overdriven(bench: Bench, share: float) -> np.ndarray:
+    """Of a drive that is higher by a share of each of its changes, which decays within half of tau."""
+    if bench.settled:
+        return rows(bench)
+    time, middle = 0.5 * TAU, (np.arange((len(bench.time) - 1) * FINE) + 0.5) * bench.time[1] / FINE
+    levels = [0.0, *(v for _, v in bench.steps)]
+    more = sum(
+        (v - u) * np.exp(-np.maximum(middle - t, 0) / time) * (middle > t)
+        for u, v, (t, _) in zip(levels, levels[1:], bench.steps, strict=False)
+    )
+    return rows(bench, Law(acts=lambda volts: volts + share * more))
+
+
 def beside(bench: Bench, apart: float, share: complex, tau: float) -> np.ndarray:
     """With another mode, so many half bandwidths above."""
     return rows(bench) + share * rows(bench, Law(shifts=apart * HALF, tau=tau))

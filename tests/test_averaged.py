@@ -266,6 +266,24 @@ def test_sweeps_of_one_direction_hide_that_all_of_them_drift_alike(bench):
     assert "f0_drift" not in {a.key for a in sysid.fit([there, turned]).assumed}
 
 
+def test_a_lone_step_hides_that_its_drive_overshoots(bench):
+    """It looks like another tau, by as much as the note says: a drive that is too high by s exp(-t/T) (closed
+    form, T = tau: w = 1 - (1 - s t/tau) exp(-t/tau)). A sweep shows it."""
+    step, sweep = bench.transient(seed=1, frequency=bench.plant.f0), bench.sweep(seed=2)
+    plain = sysid.fit([step])
+    told = {a.key: a for a in plain.assumed}["drive_overshoot"]
+    assert told.shown_by == "a sweep of settled points as well" and "tau" in told.moves
+    assert told.moves["tau"] > 4 * plain.parameters["tau"].std / plain.parameters["tau"].value
+    tau = plain.parameters["tau"].value
+    after = np.maximum(step.time - step.time[np.flatnonzero(step.drive)[0]], 0.0) / tau
+    turn = plain.modes[0].trials[0].bench.turn
+    over = plain.parameters["G"].value * np.max(step.drive) * told.size.value * after * np.exp(-after) * turn
+    found = sysid.fit([replace(step, response=step.response + over)], effects="rotation,offset,late")
+    moved = np.log(found.parameters["tau"].value / tau)
+    assert -moved == pytest.approx(told.moves["tau"], rel=0.25)  # what moves it is of first order
+    assert "drive_overshoot" not in {a.key for a in sysid.fit([step, sweep]).assumed}
+
+
 def test_what_is_assumed_is_one_sentence():
     shown_by, row, damping = "levels of the drive that are far apart", "of the largest row", "of the damping"
     each = [

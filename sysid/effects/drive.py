@@ -1,12 +1,13 @@
-"""What acts on a plate when it is not in proportion to the drive that is recorded."""
+"""What acts on a plate when it is not in proportion to the drive that is recorded, or not at once."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, always, positive
+from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Fitted, Told, always, positive
 from sysid.effects.number import Number, number
+from sysid.rows.hold import cut
 from sysid.trials.trial import Trial
 
 POWERS = np.array([-0.9, -0.5, -0.2, 0.2, 0.5, 1.0, 2.0])  # over the first
@@ -14,6 +15,10 @@ DEAD = np.array([0.05, 0.15, 0.3, 0.6])  # of the largest drive
 LOST = np.array([0.1, 0.3, 0.5])  # of the largest drive, above an amplifier's limit
 BENT = np.array([-0.3, -0.1, 0.1, 0.3])  # of the largest drive, as a sine or an amplifier bends it
 LEAST_LIMIT = 0.1  # of the largest drive
+OVER = 0.3  # of a change of the drive, by which an amplifier usually overshoots it at the most
+SETTLES = np.log([0.1, 0.3, 1.0, 3.0])  # of the times, over tau, within which it may settle
+SWEEP = "a sweep of settled points as well"  # which does not depend on how a drive begins
+STEPS = 16  # of the drive: of more it is no record of steps
 
 # What acts, as a share of the largest drive, by the share that is recorded and the law's number.
 Law = Callable[[np.ndarray, float], np.ndarray]
@@ -94,4 +99,64 @@ COMPRESSED = _drive(
         "state the voltage itself",
     ),
     only_more=False,
+)
+
+
+def _steps(trial: Trial) -> bool:
+    """A transient at a recorded frequency, whose drive is changed a few times."""
+    still = not trial.steady and trial.resonant and trial.driven and trial.log.theta is None
+    changed = np.count_nonzero(np.diff(trial.inputs.drive, prepend=0.0))
+    return still and 0 < changed <= STEPS and len(trial.log) >= LEAST_ROWS
+
+
+def _overshot(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """The trial whose drive is higher, behind each of its changes, by a share of it that decays: over each
+    interval by its mean."""
+    hold, _ = cut(trial.inputs)
+    time = about.tau * float(np.exp(values[1]))
+    begins = np.append(0.0, np.cumsum(hold.duration))
+    changes = np.diff(hold.drive, prepend=hold.drive[0] if trial.begun else 0.0)
+    those = np.flatnonzero(changes)
+    since = np.maximum(begins[:, None] - begins[those], 0.0)
+    passed = time * -np.expm1(-since / time) @ changes[those]  # the integral of what decays
+    lasts = np.where(hold.duration > 0, hold.duration, 1.0)
+    return replace(trial, inputs=hold._replace(drive=hold.drive + values[0] * np.diff(passed) / lasts))
+
+
+def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+    time = about.tau * float(np.exp(values[1]))
+    return {
+        "over": number(values[0], stds[0], "of each change"),
+        "time_s": number(time, time * stds[1], "s"),
+    }
+
+
+def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
+    over, time = found["over"], found["time_s"]
+    return Told(
+        f"its drive overshoots by {100 * over.value:.2g} ± {100 * over.std:.1g} % of each change, and settles"
+        f" within about {time.value:.2g} s",
+        "record the drive as the plate gets it, or wait with the response until the drive has settled",
+    )
+
+
+def _overshoots(trial: Trial, fitted: Fitted) -> bool:
+    """Whether share times time, which is what the plate gets too much, is seen, and more than zero: the
+    longer it takes, the less it is."""
+    share, along = fitted.values[0], np.array([1.0, fitted.values[0]])
+    return bool(share > SEEN * np.sqrt(along @ fitted.covariance @ along))
+
+
+DRIVE_OVERSHOOT = Effect(
+    name="drive_overshoot",
+    shows=_steps,
+    stds=lambda trial, about: np.array([OVER, SETTLES[-1]]),
+    starts=lambda trial, about: np.array([[share, ratio] for share in (0.1, OVER) for ratio in SETTLES]),
+    applied=_overshot,
+    numbers=_overshot_numbers,
+    said=_overshot_said,
+    scope="bench",
+    places=lambda trial, about: np.array([[0.0, ratio] for ratio in SETTLES]),
+    shown_by=lambda trial, about: SWEEP if _steps(trial) else "",
+    makes_sense=_overshoots,
 )

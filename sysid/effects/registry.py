@@ -13,7 +13,7 @@ from sysid.effects.drift import (
     SELF_HEATING,
     THERMOMETER_LAGS,
 )
-from sysid.effects.drive import COMPRESSED, DEAD_BAND, LIMIT, POWER
+from sysid.effects.drive import COMPRESSED, DEAD_BAND, DRIVE_OVERSHOOT, LIMIT, POWER
 from sysid.effects.effect import Effect
 from sysid.effects.mode import SECOND_MODE, SECOND_POLE
 from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, CURVED, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
@@ -41,6 +41,7 @@ EFFECTS: tuple[Effect, ...] = (
     DEAD_BAND,
     LIMIT,
     COMPRESSED,
+    DRIVE_OVERSHOOT,
     SCATTER,
     F0_DRIFT,
     SELF_HEATING,
