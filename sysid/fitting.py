@@ -122,16 +122,17 @@ def _with_effects(
     says what it can of these effects, `surely` only what leaves noise; and whether they leave no more."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
     outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
-    if (told := outcome.adopted) is not None:
-        fitted = told.findings("fitted", "which is fitted")
+    if (told := outcome.adopted or outcome.spanning) is not None:
+        so = "which is fitted" if outcome.adopted else "which is fitted; the errors span what it leaves"
         again = replace(
             question,
             trials=told.state.trials,
             dispersion=question.dispersion + told.dispersion,
-            effects=fitted,
+            effects=told.findings("fitted", so),
             told=found.reference_temperature,
         )
-        anew = _concluded(again, minimiser.imaged([told.state]))
+        states = minimiser.imaged([told.state])
+        anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
         if anew.result is Result.successful or _tells(anew, found):
             return again, anew, True
     if judged.apart:

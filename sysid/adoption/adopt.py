@@ -18,6 +18,7 @@ nothing is refuted: the first order's name for it is no cause.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,10 +35,11 @@ from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.inconsistent_log import DIFFER, apart, warmth
 from sysid.verdict.linear import PROMISES, Found
 from sysid.verdict.misfit import Misfits, misfits
-from sysid.verdict.unexplained import left_of, slow
+from sysid.verdict.unexplained import left_of, left_share, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
-MOST = 2  # effects in one set of logs
+MOST = 2  # effects in one set of logs, and of one kind, as modes,
+LONGEST = 4
 # of what the best one gains to first order: those that gain more are tried first. Of 60 simulated benches,
 # each with a softening, a filter, a delay, a second mode or an image, of up to three half bandwidths or 0.8
 # time constants, the true one gained 0.53 of it or more; of sweeps too fast it may be hardly more than
@@ -52,9 +54,10 @@ UNLIKE = (0.5, float(np.log(1e3)))
 @dataclass(frozen=True)
 class Outcome:
     """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
-    it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; which names,
-    of the first order in which log, are `refuted`; and `unsure`, those of effects of which none, fitted in
-    full, is sure to be there."""
+    it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; one with
+    errors that are `spanning` what it leaves, as another description makes it out and as large as it is;
+    which names, of the first order in which log, are `refuted`; and `unsure`, those of effects of which none,
+    fitted in full, is sure to be there."""
 
     adopted: Description | None = None
     named: Description | None = None
@@ -62,42 +65,39 @@ class Outcome:
     surely: bool = False
     described: bool = False
     unsure: frozenset[str] = field(default_factory=frozenset)
+    spanning: Description | None = None
 
 
 def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str]) -> Outcome:
     """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not
-    describe; `looked`: what these hold to first order."""
+    describe; `looked`: what these hold to first order. What lasts comes first: of a stretch that is left out
+    it need not be known what happened in it, and two modes may be one."""
     each = instances(state.trials, names)
     away = 0.0 if looked.fit is None else looked.fit.away
     about = About.of(state, minimiser.reference, away)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
     adoption = _Adoption(Search(Points(minimiser, state, about)), looked, sum(map(len, here)))
-    before, named, described = None, None, False
-    for _ in range(MOST):
-        best = adoption.best(before, here)
-        if best is None:
-            break
-        if (anew := adoption.search.stated(best)) is not None:
-            adoption.search, best = anew
-        left = misfits(best.state, minimiser.reference, minimiser.free, None)
-        wrong, ahead = misfitting(best.state, left.found), adoption.ahead(best)
-        if ahead > 0 and best.white and best.state.converged and not wrong:
-            if best.rough or _entangled(best):
-                return Outcome(None, best, adoption.refuted(best), True, True)
-            return Outcome(best)
-        # what happened to a log for a while is no cause of what others show
-        elsewhere = best.event and not wrong <= best.where
-        cause = not wrong or (adoption.cause(best) and not elsewhere)
-        if before is None and ahead > -NEARLY and cause and not _mistaken(best, left.found):
-            named, described = best, not wrong
-        if not best.explains(state, 1 - TAKEN):
-            break
-        before = best
-        more = [x for x in each if x not in before.instances or x.effect.many]
-        here = candidates(more, left, wrong)
-    surely = named is not None and named.explains(state)
-    return Outcome(None, named, adoption.refuted(named), surely, described, adoption.unsure())
+    lasting, anything = here[:-1], here[-1]
+    way = adoption.followed([x for x in each if x.effect.hop is None], (*lasting, []))
+    if way.adopted is None and anything:
+        other = adoption.followed(each, here)
+        way = other if other.evidence >= way.evidence else way
+    return adoption.outcome(way)
+
+
+class _Way(NamedTuple):
+    """Where a search led: the `last` description; one that is `adopted`, unless it is `rough`; one that is
+    `named`, and whether it leaves no log wrong, `described`."""
+
+    last: Description | None = None
+    adopted: Description | None = None
+    named: Description | None = None
+    described: bool = False
+
+    @property
+    def evidence(self) -> float:
+        return -np.inf if self.last is None else self.last.evidence
 
 
 class _Adoption:
@@ -107,8 +107,58 @@ class _Adoption:
     def __init__(self, search: Search, looked: Misfits, count: int):
         self.search, self.before, self.looked, self.count = search, search.points.alone, looked, count
         self.alone: list[Description] = []  # of effects by themselves
+        self.led: dict[tuple[Search, tuple[Instance, ...], tuple[Group, ...]], list[Description]] = {}
         self.parts: dict[tuple[tuple[int, ...], ...], float] = {}  # evidence that logs are of several plates
         self.wholly: dict[tuple[str, int], float] = {}  # and of effects that the first order names in it
+
+    def followed(self, each: Sequence[Instance], here: Sequence[Sequence[Group]]) -> _Way:
+        """One more effect after the other, of all `each`; at first those that are tried `here`."""
+        before, way = None, _Way()
+        for count in range(1, LONGEST + 1):
+            best = self.best(before, here)
+            if best is None:
+                break
+            if (anew := self.search.stated(best)) is not None:
+                self.search, best = anew
+            way, minimiser = way._replace(last=best), self.search.points.minimiser
+            left = misfits(best.state, minimiser.reference, minimiser.free, None)
+            wrong, ahead = misfitting(best.state, left.found), self.ahead(best)
+            if ahead > 0 and best.white and best.state.converged and not wrong:
+                return way._replace(adopted=best)
+            # what happened to a log for a while is no cause of what others show
+            elsewhere = best.event and not wrong <= best.where
+            cause = not wrong or (self.cause(best) and not elsewhere)
+            if before is None and ahead > -NEARLY and cause and not _mistaken(best, left.found):
+                way = way._replace(named=best, described=not wrong)
+            if not best.explains(self.before, 1 - TAKEN):
+                break
+            before = best
+            more = [x for x in each if x not in before.instances or x.effect.many]
+            if count >= MOST:
+                more = [x for x in more if {x} == set(before.instances)]
+            here = candidates(more, left, wrong | best.smooth)
+        return way
+
+    def outcome(self, way: _Way) -> Outcome:
+        """What became of all that was tried."""
+        if (best := way.adopted) is not None:
+            if best.rough or _entangled(best):
+                return Outcome(None, best, self.refuted(best), True, True)
+            return Outcome(best)
+        named, spanning = way.named, None
+        surely = named is not None and named.explains(self.before)
+        if surely and not (named.rough or named.event):
+            spanning = _spanning(named, way.last)
+        return Outcome(None, named, self.refuted(named), surely, way.described, self.unsure(), spanning)
+
+    def ends(self, before: Description | None, some: Sequence[Group]) -> list[Description]:
+        """Where one more effect leads, searched for once."""
+        known = () if before is None else before.instances
+        key = self.search, known, tuple(some)
+        if key not in self.led:
+            self.led[key] = self.search.ends(before, some, self.count)
+            self.alone += self.led[key] if before is None else []
+        return self.led[key]
 
     def best(self, before: Description | None, here: Sequence[Sequence[Group]]) -> Description | None:
         """The best description with one more effect, of those that are likely or else of the others as well;
@@ -117,10 +167,9 @@ class _Adoption:
         ends: list[Description] = []
         for k, some in enumerate(here):
             if some and not (ends and self._enough(ends[0])):
-                found = self.search.ends(before, some, self.count)
+                found = self.ends(before, some)
                 if k == len(here) - 1 and ends and ends[0].sense and ends[0].explains(self.before):
                     found = [d for d in found if d.white]
-                self.alone += found if before is None else []
                 ends = sorted([*ends, *found], key=lambda d: -d.evidence)
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
         for best in (d for d in ends if d.sense and d.evidence >= least):
@@ -341,6 +390,15 @@ def _most_evidence(found: Found) -> float:
 
 def _most(worth: float, freedom: int) -> float:
     return worth - 0.5 * freedom * float(np.log(max(2 * worth / freedom, 1.0)))
+
+
+def _spanning(named: Description, last: Description) -> Description:
+    """A description whose errors span what it leaves: as far as the `last` one moves theta from there, and as
+    if it were all a change of G, of tau or of f0, which changes the response at resonance by as much."""
+    away = last.state.theta - named.state.theta
+    left = max(left_share(named.state, i) for i in named.where)
+    each = left * np.array([1.0, 1.0, named.state.half_bandwidth, 0.0, 0.0, 0.0])
+    return named._replace(dispersion=named.dispersion + np.outer(away, away) + np.diag(each**2))
 
 
 def _between(best: Description, alike: Sequence[Description]) -> np.ndarray:

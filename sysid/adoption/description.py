@@ -70,7 +70,12 @@ class Description(NamedTuple):
     def white(self) -> bool:
         """Whether these are left with noise of each row's own, or that a filter behind it made: noise of
         longer memory may be what a wrong effect leaves."""
-        return all(_white(self.state.trials[i], self.state.models[i]) for i in self.where)
+        return not self.smooth
+
+    @property
+    def smooth(self) -> set[int]:
+        """The logs of these that it leaves with more than that."""
+        return {i for i in self.where if not _white(self.state.trials[i], self.state.models[i])}
 
     def explains(self, before: State, left: float = LEFT) -> bool:
         """Whether it leaves that share of what the plant alone leaves of these logs, or no more than

@@ -50,9 +50,7 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     trial = state.trials[i]
     model = trial.as_recorded(state.models[i])
     residual = trial.residual(model)
-    size = (
-        float(np.max(np.abs(model - np.median(model.real) - 1j * np.median(np.imag(model))))) or trial.scale
-    )
+    size = _size(trial, model)
     if trial.noise.rounded is not None:  # what rows share of it is known
         residual = times(joined([1 / p.rounded for p in trial.noise.parts]), residual)
     rows, part, chance = _most_shared(trial, residual)
@@ -71,6 +69,14 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     where = _where(trial, rows, residual[rows])
     amount = much if part else "something"  # neighbours share nothing of what jumps from row to row
     return Left(f"{amount} is left that is not noise, half of it {where}; {_why(trial)}", False, mostly)
+
+
+def left_share(state: State, i: int) -> float:
+    """Of the response of the i-th log at its largest, the part that neighbouring rows share of what the model
+    leaves."""
+    trial = state.trials[i]
+    model = trial.as_recorded(state.models[i])
+    return _most_shared(trial, trial.residual(model))[1] / _size(trial, model)
 
 
 def slow(state: State, i: int) -> bool:
@@ -98,6 +104,12 @@ def least_that_matters(state: State) -> float:
     error = np.sqrt(firm * np.diag(state.spread)[:3]) * (1.0, 1.0, 2 * np.pi * state.tau)
     claimed = error[error > 0]
     return min(AT_MOST, STRUCTURE * float(np.min(claimed))) if len(claimed) else AT_MOST
+
+
+def _size(trial: Trial, model: np.ndarray) -> float:
+    """The largest that the response of a log is beside its usual one."""
+    middle = np.median(model.real) + 1j * np.median(np.imag(model))
+    return float(np.max(np.abs(model - middle))) or trial.scale
 
 
 def _why(trial: Trial) -> str:
