@@ -15,36 +15,32 @@ nothing is much likelier, and so are effects of two kinds in one log. What was t
 nothing is refuted: the first order's name for it is no cause.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
+from sysid.adoption.candidates import candidates, instances
 from sysid.adoption.description import RIVAL, Description, Group, Instance
 from sysid.adoption.point import LEVEL, Points
 from sysid.adoption.search import NEARLY, Search
 from sysid.effects.drift import WARMED
-from sysid.effects.effect import About, Effect, nowhere
+from sysid.effects.effect import About
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial
 from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.inconsistent_log import DIFFER, apart, warmth
-from sysid.verdict.linear import PROMISES, Found
+from sysid.verdict.linear import Found
 from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.unexplained import left_of, left_share, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs, and of one kind, as modes,
 LONGEST = 4
-# of what the best one gains to first order: those that gain more are tried first. Of 60 simulated benches,
-# each with a softening, a filter, a delay, a second mode or an image, of up to three half bandwidths or 0.8
-# time constants, the true one gained 0.53 of it or more; of sweeps too fast it may be hardly more than
-# PROMISES
-LIKELY = 0.25
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
 # of log G and log tau, by which plates of a kind differ, and by which the prefix of a unit makes them
@@ -300,21 +296,6 @@ class _Adoption:
         return frozenset({name for d in self.alone for name, _ in d.names()} - sure)
 
 
-def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
-    """All that logs can show, but for those in coarse steps: rows of one value share their rounding error,
-    which is no noise by which descriptions compare."""
-    each: list[Instance] = []
-    for effect in (e for e in EFFECTS if e.name in names):
-        here = tuple(i for i, t in enumerate(trials) if t.noise.rounded is None and effect.shows(t))
-        if effect.scope != "plate" and len(trials) > effect.relative:
-            each += [Instance(effect, (i,)) for i in here]
-        if effect.scope == "plate" and here:
-            each.append(Instance(effect, here))
-        if effect.scope == "bench" and len(here) > 1:
-            each.append(Instance(effect, here))
-    return each
-
-
 def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     """The logs that show what the plant alone does not describe."""
     every = set(range(len(state.trials)))
@@ -339,48 +320,6 @@ def _mistaken(best: Description, left: Sequence[Found]) -> bool:
     own = {name for x in best.instances for name in (x.effect.name, *x.effect.known_as)}
     left = [f for f in left if f.worth > RIVAL * best.evidence and f.name in ADOPTED]
     return any(f.certain and f.explains and f.name not in own for f in left)
-
-
-def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tuple[list[Group], ...]:
-    """These effects as they are tried: the likely ones, the others, and last what may be anything, in a log
-    that is wrong: its like in another is not looked for."""
-    known = [x for x in each if x.effect.hop is None and not wrong.isdisjoint(x.where)]
-    shares = {x: shown(x, looked) for x in known}
-    likely, every = (
-        groups([x for x in known if shares[x] >= least], wrong, shares) for least in (LIKELY, PROMISES)
-    )
-    anything: list[Group] = [(x,) for x in each if x not in known and wrong.issuperset(x.where)]
-    return likely, [x for x in every if x not in likely], anything
-
-
-def shown(x: Instance, looked: Misfits) -> float:
-    """The share of what its logs show of anything, to first order, that an effect would be; infinite of one
-    of which the first order tells nothing, as it does nothing small, and 0 of one that changes nothing."""
-    if looked.fit is None:
-        return np.inf
-    here = [t for t in looked.tried if t.log is None or t.log in x.where]
-    own_name = () if x.effect.places is nowhere else (x.effect.name,)  # else that of another of its kind
-    own = [t for t in here if t.name in (*own_name, *x.effect.known_as)]
-    if not own:
-        return 0.0 if x.effect.places is None else np.inf  # as of one temperature
-    most, best = (max(looked.fit.gain(t) for t in some) for some in (here, own))
-    return best / most if most > 0 else 1.0
-
-
-def groups(each: Sequence[Instance], wrong: set[int], shares: Mapping[Instance, float]) -> list[Group]:
-    """These effects as they are tried: each for itself, and one that several logs may have for themselves in
-    all that are `wrong` at once; where these are more than MOST, of single ones that of which its log shows
-    most."""
-    alike: dict[Effect, list[Instance]] = {}
-    for x in each:
-        if len(x.where) == 1 and x.effect.scope != "plate" and not x.effect.many:
-            alike.setdefault(x.effect, []).append(x)
-    several = [tuple(y for y in xs if y.where[0] in wrong) for xs in alike.values()]
-    for_all = {x[0].effect for x in several if len(x) > MOST}
-    others = [x[x[0].effect.relative :] for x in several if x]  # but for the one beside which they are
-    most = {e: max(alike[e], key=lambda x: shares[x]) for e in for_all}
-    alone = [(x,) for x in each if len(x.where) > 1 or most.get(x.effect, x) == x]
-    return [*alone, *(x for x in others if len(x) > 1)]
 
 
 def _most_evidence(found: Found) -> float:

@@ -143,8 +143,8 @@ def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
 def _overshoots(trial: Trial, fitted: Fitted) -> bool:
     """Whether share times time, which is what the plate gets too much, is seen, and more than zero: the
     longer it takes, the less it is."""
-    share, along = fitted.values[0], np.array([1.0, fitted.values[0]])
-    return bool(share > SEEN * np.sqrt(along @ fitted.covariance @ along))
+    share, along = float(fitted.values[0]), np.array([1.0, fitted.values[0]])
+    return share > SEEN * float(np.sqrt(along @ fitted.covariance @ along))
 
 
 DRIVE_OVERSHOOT = Effect(

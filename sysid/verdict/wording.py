@@ -55,8 +55,8 @@ def assumptions(trial: Trial) -> list[str]:
     if not trial.signed and trial.driven:
         other = "the resonance" if trial.resonant else "a late trigger and the gain"
         found.append(
-            f"amplitude only: a feedthrough of the drive too small to be fitted cannot be told from {other} and is"
-            " taken as zero"
+            f"amplitude only: a feedthrough of the drive too small to be fitted cannot be told from {other}"
+            " and is taken as zero"
         )
     if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
         found.append(
