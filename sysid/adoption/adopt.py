@@ -141,11 +141,18 @@ class _Adoption:
             if best.rough or _entangled(best):
                 return Outcome(None, best, self.refuted(best), True, True)
             return Outcome(best)
-        named, spanning = way.named, None
-        surely = named is not None and named.explains(self.before)
-        if surely and not (named.rough or named.event):
-            spanning = _spanning(named, way.last)
-        return Outcome(None, named, self.refuted(named), surely, way.described, self.unsure(), spanning)
+        likely = [d for d in (way.named, way.last) if d is not None and d.explains(self.before)]
+        lasting = (_spanning(d, likely[-1]) for d in likely if not (d.rough or d.event or _entangled(d)))
+        surely = bool(likely) and likely[0] is way.named
+        return Outcome(
+            None,
+            way.named,
+            self.refuted(way.named),
+            surely,
+            way.described,
+            self.unsure(),
+            next(lasting, None),
+        )
 
     def ends(self, before: Description | None, some: Sequence[Group]) -> list[Description]:
         """Where one more effect leads, searched for once."""

@@ -144,7 +144,7 @@ def _overshoots(trial: Trial, fitted: Fitted) -> bool:
     """Whether share times time, which is what the plate gets too much, is seen, and more than zero: the
     longer it takes, the less it is."""
     share, along = float(fitted.values[0]), np.array([1.0, fitted.values[0]])
-    return share > SEEN * float(np.sqrt(along @ fitted.covariance @ along))
+    return bool(share > SEEN * np.sqrt(along @ fitted.covariance @ along))
 
 
 DRIVE_OVERSHOOT = Effect(
