@@ -106,7 +106,7 @@ def _steps(trial: Trial) -> bool:
     """A transient at a recorded frequency, whose drive is changed a few times."""
     still = not trial.steady and trial.resonant and trial.driven and trial.log.theta is None
     changed = np.count_nonzero(np.diff(trial.inputs.drive, prepend=0.0))
-    return still and 0 < changed <= STEPS and len(trial.log) >= LEAST_ROWS
+    return still and bool(0 < changed <= STEPS) and len(trial.log) >= LEAST_ROWS
 
 
 def _overshot(trial: Trial, values: np.ndarray, about: About) -> Trial:
