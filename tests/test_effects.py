@@ -681,3 +681,55 @@ def test_a_thermometer_that_lags_in_one_of_three_sweeps_is_told(seeds, among):
         fit = sysid.fit(logs, nuisances=among("thermometer_lag"))
         assert (fit.findings[0].key, fit.findings[0].logs) == ("thermometer_lag", ("sweep 0",))
         assert fit.result.name != "successful" or right(fit, tau=TAU, k_T=-12.0)
+
+
+def second_order(f, f0, tau):
+    """Settled response of w'' + 2/tau w' + w0^2 w, of size one at its resonance."""
+    return f0 / f / (1 + 1j * np.pi * tau * (f - f0) * (f + f0) / f)
+
+
+def crowd(rng, more, noise=2e-4, bent=0.0):
+    """A sweep over a plate and modes of these (share, half bandwidths above, relative tau), beside what
+    bends."""
+    f = F0 + HALF * np.linspace(-12, 12, 160)
+    y = second_order(f, F0, TAU) + 0.1j
+    for share, place, slower in more:
+        turn = np.exp(0.3j * rng.standard_normal())
+        y = y + share * turn * second_order(f, F0 + place * HALF, slower * TAU)
+    y = y + bent * np.exp(1j * (f - F0) / (4 * HALF))
+    return swept(rng, f, noisy(rng, y, noise))
+
+
+CROWDS = [
+    ((0.02, -6.0, 0.5), (0.03, 4.0, 0.7)),  # one of which takes half of what both of them leave
+    ((0.09, 5.4, 0.6), (0.03, 1.6, 1.0), (0.015, -2.6, 0.6)),
+]
+
+
+@pytest.mark.parametrize("more", CROWDS)
+@seeds(1, 12)
+def test_modes_are_found_one_after_another(seeds, more):
+    """They were a stretch of the sweep that is not of the plate, or unexplained."""
+    for seed in seeds:
+        fit = sysid.fit(crowd(np.random.default_rng(seed), more))
+        assert fit.result.name == "successful", (seed, fit.warnings)
+        fitted = [f for f in fit.findings if f.outcome == "fitted"]
+        assert [f.key for f in fitted] == ["second_mode"] * len(more)
+        for share, place, _ in more:
+            (found,) = (
+                f.numbers for f in fitted if abs(f.numbers["apart_Hz"].value / HALF - place) < 0.5
+            )
+            assert abs(found["apart_Hz"].value - place * HALF) < FAR * found["apart_Hz"].std
+            assert found["size"].value == pytest.approx(share, rel=0.25)
+        assert right(fit, G=1.0, tau=TAU, f0=F0)
+
+
+@seeds(2, 12)
+def test_errors_span_what_a_mode_leaves(seeds):
+    """Beside a mode of 5 % lies a background of 0.1 % that bends, as no effect is: it was a misfit."""
+    for seed in seeds:
+        fit = sysid.fit(crowd(np.random.default_rng(seed), [(0.05, -7.0, 0.2)], 5e-5, 1e-3))
+        assert fit.result.name == "successful", (seed, fit.warnings)
+        assert {f.key for f in fit.findings if f.outcome == "fitted"} == {"second_mode"}
+        assert right(fit, G=1.0, tau=TAU, f0=F0)
+        assert fit.parameters["tau"].std < 0.01 * TAU

@@ -116,9 +116,10 @@ class _Adoption:
                 break
             if (anew := self.search.stated(best)) is not None:
                 self.search, best = anew
-            way, minimiser = way._replace(last=best), self.search.points.minimiser
+            minimiser = self.search.points.minimiser
             left = misfits(best.state, minimiser.reference, minimiser.free, None)
-            wrong, ahead = misfitting(best.state, left.found), self.ahead(best)
+            wrong, ahead = misfitting(best.state, left.found), self.ahead(best) if best.sense else -np.inf
+            way = way._replace(last=best) if best.sense else way
             if ahead > 0 and best.white and best.state.converged and not wrong:
                 return way._replace(adopted=best)
             # what happened to a log for a while is no cause of what others show
@@ -166,7 +167,7 @@ class _Adoption:
     def best(self, before: Description | None, here: Sequence[Sequence[Group]]) -> Description | None:
         """The best description with one more effect, of those that are likely or else of the others as well;
         None where none gains, or one that is no effect at all by its numbers gains more: something else is
-        there."""
+        there, unless a log may have several of it."""
         ends: list[Description] = []
         for k, some in enumerate(here):
             if some and not (ends and self._enough(ends[0])):
@@ -175,8 +176,10 @@ class _Adoption:
                     found = [d for d in found if d.white]
                 ends = sorted([*ends, *found], key=lambda d: -d.evidence)
         least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
-        for best in (d for d in ends if d.sense and d.evidence >= least):
-            done = self.search.finished(best) if self.ahead(best) > -NEARLY else best
+        for best in (d for d in ends if d.evidence >= least):
+            done = self.search.finished(best) if best.sense and self.ahead(best) > -NEARLY else best
+            if not done.sense and best is ends[0] and best.instances[-1].effect.many:
+                return done  # one may stand for several, which are then looked for beside it
             if done.sense:
                 near = best.evidence - NEARLY
                 alike = [d for d in ends if d is not best and d.sense and near < d.evidence <= best.evidence]
