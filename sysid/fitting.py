@@ -122,8 +122,8 @@ def _with_effects(
     says what it can of these effects, `surely` only what leaves noise; and whether they leave no more."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
     outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
-    if (told := outcome.adopted or outcome.spanning) is not None:
-        so = "which is fitted" if outcome.adopted else "which is fitted; the errors span what it leaves"
+    if (told := outcome.adopted) is not None:
+        so = "which is fitted" if outcome.wholly else "which is fitted; the errors span what it leaves"
         again = replace(
             question,
             trials=told.state.trials,

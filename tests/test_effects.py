@@ -716,9 +716,7 @@ def test_modes_are_found_one_after_another(seeds, more):
         fitted = [f for f in fit.findings if f.outcome == "fitted"]
         assert [f.key for f in fitted] == ["second_mode"] * len(more)
         for share, place, _ in more:
-            (found,) = (
-                f.numbers for f in fitted if abs(f.numbers["apart_Hz"].value / HALF - place) < 0.5
-            )
+            (found,) = (f.numbers for f in fitted if abs(f.numbers["apart_Hz"].value / HALF - place) < 0.5)
             assert abs(found["apart_Hz"].value - place * HALF) < FAR * found["apart_Hz"].std
             assert found["size"].value == pytest.approx(share, rel=0.25)
         assert right(fit, G=1.0, tau=TAU, f0=F0)

@@ -49,19 +49,19 @@ UNLIKE = (0.5, float(np.log(1e3)))
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of the effects that were tried: a description that is adopted; one that is only `named`, as
-    it explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; one with
-    errors that are `spanning` what it leaves, as another description makes it out and as large as it is;
-    which names, of the first order in which log, are `refuted`; and `unsure`, those of effects of which none,
-    fitted in full, is sure to be there."""
+    """What became of the effects that were tried: a description that is adopted, if the fit with it is
+    successful, and whether `wholly`, or with errors that span what it leaves; one that is else `named`, as it
+    explains most but not all, or `surely`, and whether it leaves no log wrong, `described`; which names, of
+    the first order in which log, are `refuted`; and `unsure`, those of effects of which none, fitted in full,
+    is sure to be there."""
 
     adopted: Description | None = None
+    wholly: bool = True
     named: Description | None = None
     refuted: frozenset[tuple[str, int]] = field(default_factory=frozenset)
     surely: bool = False
     described: bool = False
     unsure: frozenset[str] = field(default_factory=frozenset)
-    spanning: Description | None = None
 
 
 def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str]) -> Outcome:
@@ -140,20 +140,13 @@ class _Adoption:
         """What became of all that was tried."""
         if (best := way.adopted) is not None:
             if best.rough or _entangled(best):
-                return Outcome(None, best, self.refuted(best), True, True)
+                return Outcome(None, False, best, self.refuted(best), True, True)
             return Outcome(best)
         likely = [d for d in (way.named, way.last) if d is not None and d.explains(self.before)]
         lasting = (_spanning(d, likely[-1]) for d in likely if not (d.rough or d.event or _entangled(d)))
         surely = bool(likely) and likely[0] is way.named
-        return Outcome(
-            None,
-            way.named,
-            self.refuted(way.named),
-            surely,
-            way.described,
-            self.unsure(),
-            next(lasting, None),
-        )
+        refuted, unsure = self.refuted(way.named), self.unsure()
+        return Outcome(next(lasting, None), False, way.named, refuted, surely, way.described, unsure)
 
     def ends(self, before: Description | None, some: Sequence[Group]) -> list[Description]:
         """Where one more effect leads, searched for once."""
