@@ -40,7 +40,7 @@ from sysid.verdict.unexplained import left_of, left_share, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs, and of one kind, as modes,
-LONGEST = 4
+LONGEST = 5
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
 # of log G and log tau, by which plates of a kind differ, and by which the prefix of a unit makes them
@@ -131,8 +131,9 @@ class _Adoption:
                 break
             before = best
             more = [x for x in each if x not in before.instances or x.effect.many]
+            own = {x for x in before.instances if not x.effect.usual}
             if count >= MOST:
-                more = [x for x in more if {x} == set(before.instances)]
+                more = [x for x in more if {x} == own or x.effect.usual]
             here = candidates(more, left, wrong | best.smooth)
         return way
 
@@ -312,9 +313,9 @@ def _rough(found: Description) -> bool:
 
 
 def _entangled(best: Description) -> bool:
-    """Whether two effects of different kinds are in one log: they may make up for a third that is none of
-    them."""
-    each = [(x.effect.name, i) for x in best.instances for i in x.where]
+    """Whether two effects of different kinds are in one log, beside what any bench has: they may make up for
+    a third that is none of them."""
+    each = [(x.effect.name, i) for x in best.instances for i in x.where if not x.effect.usual]
     return any(i == k and name != other for (name, i), (other, k) in combinations(each, 2))
 
 

@@ -57,6 +57,7 @@ FEEDTHROUGH = Effect(
     },
     said=_fed_said,
     linear=(0, 1),
+    usual=True,
 )
 
 
@@ -90,6 +91,7 @@ SLOPE = Effect(
     applied=_sloped,
     numbers=shares,
     said=_sloped_said,
+    usual=True,
     linear=(0, 1),
 )
 

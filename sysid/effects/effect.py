@@ -116,7 +116,8 @@ class Effect:
     in proportion from zero, as far as a log has them, by which logs show it to first order, beside others at
     each of its `places` (m, d); where none is, all that it does at a place. `known_as`: what else shows it to
     first order (`verdict.terms`); with neither it has to be tried. `noise_like`: whether noise of a log looks
-    like such numbers. `expected`: every plate has a little of it. `shown_by`: what to
+    like such numbers. `expected`: every plate has a little of it; `usual`:
+    every bench, so that of settled d and q it is always fitted. `shown_by`: what to
     record so that it shows, where as much of it as moves the parameters far may hide in a log; else "".
     `stated`: what a log's metadata would have said of
     it, by which rows are read in another way. `colour`: of noise that went through it, the correlation of
@@ -147,6 +148,7 @@ class Effect:
     known_as: Sequence[str] = ()
     noise_like: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     expected: bool = False
+    usual: bool = False
     shown_by: Callable[[Trial, About], str] = lambda trial, about: ""
     colour: Callable[[np.ndarray, About, np.ndarray], np.ndarray] | None = None
     relative: bool = False
