@@ -25,7 +25,7 @@ FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
 STEPS = 15
 HOPS = 8  # of numbers that a log follows in steps: most need two
-# what is compared, at a start of d and q, which are linear in what the bench adds: most take four steps
+# what is compared, at a start: d and q are linear in what the bench adds, and most take four steps
 ROUGH = Rounds(1, steps=8, white=True)
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
@@ -73,14 +73,13 @@ class Search:
         known = () if before is None else before.instances
         near, numbers = (self.points.alone, np.zeros(0)) if before is None else (before.state, before.numbers)
         where, found, every = {i for x in group for i in x.where}, [], (*known, *group)
-        rounds = ROUGH if all(self.points.trials[k].signed for k in where) else LEVEL
         afresh = all(group[0].effect.afresh(self.points.trials[k]) for k in where)
         for start in zip(
             *(x.effect.starts(self.points.trials[x.where[0]], self.points.about) for x in group), strict=False
         ):
             u = np.concatenate([numbers, *start])
             found.append(
-                self.hopped(self.points.at(every, u, self.points.anew(every, u) if afresh else near, rounds))
+                self.hopped(self.points.at(every, u, self.points.anew(every, u) if afresh else near, ROUGH))
             )
         return found
 
