@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid.effects.effect import LEAST_ROWS, SEEN, About, Effect, Fitted, Told, always, positive
+from sysid.effects.effect import LEAST_ROWS, SEEN, SWEEP, About, Effect, Fitted, Told, always, positive
 from sysid.effects.number import Number, number
 from sysid.rows.hold import cut
 from sysid.trials.trial import Trial
@@ -17,7 +17,6 @@ BENT = np.array([-0.3, -0.1, 0.1, 0.3])  # of the largest drive, as a sine or an
 LEAST_LIMIT = 0.1  # of the largest drive
 OVER = 0.3  # of a change of the drive, by which an amplifier usually overshoots it at the most
 SETTLES = np.log([0.1, 0.3, 1.0, 3.0])  # of the times, over tau, within which it may settle
-SWEEP = "a sweep of settled points as well"  # which does not depend on how a drive begins
 STEPS = 16  # of the drive: of more it is no record of steps
 
 # What acts, as a share of the largest drive, by the share that is recorded and the law's number.

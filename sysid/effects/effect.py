@@ -26,6 +26,7 @@ EXACT = 1e-6  # of a step of a sweep, by which its frequencies are even
 ORDER = 3  # of the smooth course of a sweep: even steps, in Hz or in their ratios, and a little of both
 SEEN = 3.0  # standard deviations from zero
 FINER, PEAKS = 2, 3  # steps of a periodogram over its own, and how many of its peaks are followed
+SWEEP = "a sweep of settled points as well"  # shows what looks like another tau in a step
 HELD = 0.25  # of tau, for which the motion of one row may stand: a fifth of it is then gone
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from sysid.effects.effect import (
     LEAST_ROWS,
     SEEN,
+    SWEEP,
     About,
     Effect,
     Fitted,
@@ -193,6 +194,7 @@ SECOND_MODE = Effect(
     said=_second_said,
     linear=(2, 3),
     places=_mode_places,
+    shown_by=lambda trial, about: SWEEP if moving(trial) else "",
     many=True,
     scope="bench",
     vague=lambda trial, values: bool(abs(values[0]) < APART[0]),

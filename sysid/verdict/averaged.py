@@ -243,7 +243,8 @@ def assumed(fit: Linear, tried: Sequence[Term]) -> list[Assumed]:
         each = zip(fit.names, moved, fit.std, strict=True)
         far = {n: float(x * std) for n, x, std in each if n in DIRECT and x > FARAWAY}
         if far:
-            (size, *_), known = term.numbers(value, np.zeros(len(value))).values(), found.get(term.kind)
+            numbers, known = term.numbers(value, np.zeros(len(value))), found.get(term.kind)
+            size = numbers.get("size", next(iter(numbers.values())))
             if known is None or abs(size.value) > abs(known.size.value):
                 logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
                 found[term.kind] = Assumed(term.name, logs, term.shown_by, size, far)
