@@ -83,7 +83,8 @@ def fit(
         question, found, sure = _with_effects(question, found, names, bool(restless))
     if restless and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
         return told
-    if not found.parameters["tau"].determined and (told := _of_decays(best, given, found)) is not None:
+    untold = found.modes[0].converged and not found.parameters["tau"].determined
+    if untold and (told := _of_decays(best, given, found)) is not None:
         return told
     return replace(_widened(question, found, "late" in nuisances), judged=None)
 

@@ -143,7 +143,8 @@ class _Adoption:
             if best.rough or _entangled(best):
                 return Outcome(None, False, best, self.refuted(best), True, True)
             return Outcome(best)
-        likely = [d for d in (way.named, way.last) if d is not None and d.explains(self.before)]
+        told = (d for d in (way.named, way.last) if d is not None and self.ahead(d) > 0)
+        likely = [d for d in told if d.explains(self.before)]
         lasting = (_spanning(d, likely[-1]) for d in likely if not (d.rough or d.event or _entangled(d)))
         surely = bool(likely) and likely[0] is way.named
         refuted, unsure = self.refuted(way.named), self.unsure()
@@ -304,7 +305,7 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
     """The logs that show what the plant alone does not describe."""
     every = set(range(len(state.trials)))
     shown = [every if f.log is None else {f.log} for f in found if f.certain]
-    return {i for i in every if not state.trials[i].silent and left_of(state, i)}.union(*shown)
+    return {i for i in every if left_of(state, i)}.union(*shown)
 
 
 def _rough(found: Description) -> bool:

@@ -107,7 +107,7 @@ def described(minimiser: Minimiser, state: State, beside: float = 0.0) -> bool:
     """Whether the model describes the logs of a minimum: it leaves out nothing that is certain and worth more
     than `beside`, in log-likelihood, and nothing unexplained."""
     found = misfits(state, minimiser.reference, minimiser.free, None).found
-    left = (left_of(state, i) for i, t in enumerate(state.trials) if not t.silent)
+    left = (left_of(state, i) for i in range(len(state.trials)))
     certain = any(f.certain and f.worth > beside for f in found)
     return state.converged and not certain and all(x is None or x.noise for x in left)
 

@@ -48,6 +48,8 @@ def left_of(state: State, i: int, sure: bool = False) -> Left | None:
     """What the model of a minimum leaves of its i-th log, by an amount that could matter; None where that is
     noise. `sure`: something is known to be left, however small."""
     trial = state.trials[i]
+    if trial.silent:
+        return None
     model = trial.as_recorded(state.models[i])
     residual = trial.residual(model)
     size = _size(trial, model)
@@ -84,7 +86,7 @@ def slow(state: State, i: int) -> bool:
     row, and in a transient not much shorter than tau. Of a plate's nothing stands out: noise with outliers,
     which is no more than noise between them, is noise."""
     trial = state.trials[i]
-    if not trial.noise.coloured:
+    if trial.silent or not trial.noise.coloured:
         return False
     model = trial.as_recorded(state.models[i])
     both = mixed(trial, trial.residual(model))
