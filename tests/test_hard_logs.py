@@ -53,6 +53,7 @@ LONG = {
     "sign of q, sweep",
     "20 % outliers, sweep",
     "two peaks in one",
+    "drive in mV called V, in one of two",
 }
 
 

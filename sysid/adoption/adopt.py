@@ -10,9 +10,11 @@ evidence is at most
 
 as the prior of a number is no narrower than the number, and that logs are of plates of their own; and if what
 it leaves is noise of each row's own. What several logs may have for themselves is tried in all of them at
-once as well. The best that is not adopted is still named where it explains most of what the plant leaves and
-nothing is much likelier, and so are effects of two kinds in one log. What was tried in full and explains
-nothing is refuted: the first order's name for it is no cause.
+once as well. Beside what is not yet described one more is looked for: of another kind once, of the same kind,
+as modes are, a few times; one may at first stand for several. What leaves next to nothing, though not noise
+alone, is adopted with errors that span that. Any other that explains most of what the plant leaves, where
+nothing is much likelier, is named, and so are effects of two kinds in one log. What was tried in full and
+explains nothing is refuted: the first order's name for it is no cause.
 """
 
 from collections.abc import Sequence
