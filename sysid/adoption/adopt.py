@@ -172,7 +172,8 @@ class _Adoption:
                 if k == len(here) - 1 and ends and ends[0].sense and ends[0].explains(self.before):
                     found = [d for d in found if d.white]
                 ends = sorted([*ends, *found], key=lambda d: -d.evidence)
-        least = max([SURE, *(d.evidence - NEARLY for d in ends if not d.sense)])
+        known = SURE if before is None else max(SURE, before.evidence)
+        least = max([known, *(d.evidence - NEARLY for d in ends if not d.sense)])
         for best in (d for d in ends if d.evidence >= least):
             done = self.search.finished(best) if best.sense and self.ahead(best) > -NEARLY else best
             if not done.sense and best is ends[0] and best.instances[-1].effect.many:

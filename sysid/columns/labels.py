@@ -21,6 +21,8 @@ def folded(text: str) -> str:
     >>> folded("Fréquence"), folded("TENSIÓN"), folded("Größe")
     ('frequence', 'tension', 'grosse')
     """
+    if text.isascii():
+        return text.casefold()
     apart = unicodedata.normalize("NFD", text.casefold())
     return "".join(letter for letter in apart if not unicodedata.combining(letter))
 

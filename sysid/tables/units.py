@@ -193,7 +193,7 @@ def fits(quantity: str, unit: str) -> bool:
     return True
 
 
-@functools.lru_cache(1024)
+@functools.lru_cache(1 << 17)  # of a hundred thousand heads each is looked at several times
 def split_unit(label: str) -> tuple[str, str, str]:
     """Name, unit and amplitude word of `Name [unit] rms`, `Name/unit`, `Name, unit`, `Name in unit` or
     `name_unit`; `name_word_unit` is a name without one."""
