@@ -41,8 +41,8 @@ from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.unexplained import left_of, left_share, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
-MOST = 2  # effects in one set of logs, and of one kind, as modes,
-LONGEST = 5
+MOST = 2  # effects in one set of logs, beyond which only more of one kind are looked for, as modes,
+LONGEST = 5  # up to so many in all: each multiplies the time of a search
 # of the power that neighbouring rows share, which an effect takes beside which there may be another
 TAKEN = 0.25
 # of log G and log tau, by which plates of a kind differ, and by which the prefix of a unit makes them
@@ -95,6 +95,7 @@ class _Way(NamedTuple):
 
     @property
     def evidence(self) -> float:
+        """Log evidence of the last one."""
         return -np.inf if self.last is None else self.last.evidence
 
 

@@ -104,8 +104,14 @@ COMPRESSED = _drive(
 def _steps(trial: Trial) -> bool:
     """A transient at a recorded frequency, whose drive is changed a few times."""
     still = not trial.steady and trial.resonant and trial.driven and trial.log.theta is None
-    changed = np.count_nonzero(np.diff(trial.inputs.drive, prepend=0.0))
+    changed = np.count_nonzero(_changes(trial, trial.inputs.drive))
     return still and bool(0 < changed <= STEPS) and len(trial.log) >= LEAST_ROWS
+
+
+def _changes(trial: Trial, drive: np.ndarray) -> np.ndarray:
+    """(M,) by how much the drive changes as each interval begins: a log that begins settled was driven
+    before."""
+    return np.diff(drive, prepend=drive[0] if trial.begun else 0.0)
 
 
 def _overshot(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -114,7 +120,7 @@ def _overshot(trial: Trial, values: np.ndarray, about: About) -> Trial:
     hold, _ = cut(trial.inputs)
     time = about.tau * float(np.exp(values[1]))
     begins = np.append(0.0, np.cumsum(hold.duration))
-    changes = np.diff(hold.drive, prepend=hold.drive[0] if trial.begun else 0.0)
+    changes = _changes(trial, hold.drive)
     those = np.flatnonzero(changes)
     since = np.maximum(begins[:, None] - begins[those], 0.0)
     passed = time * -np.expm1(-since / time) @ changes[those]  # the integral of what decays

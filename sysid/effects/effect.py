@@ -117,11 +117,10 @@ class Effect:
     in proportion from zero, as far as a log has them, by which logs show it to first order, beside others at
     each of its `places` (m, d); where none is, all that it does at a place. `known_as`: what else shows it to
     first order (`verdict.terms`); with neither it has to be tried. `noise_like`: whether noise of a log looks
-    like such numbers. `expected`: every plate has a little of it; `usual`:
-    every bench, so that of settled d and q it is always fitted. `shown_by`: what to
-    record so that it shows, where as much of it as moves the parameters far may hide in a log; else "".
-    `stated`: what a log's metadata would have said of
-    it, by which rows are read in another way. `colour`: of noise that went through it, the correlation of
+    like such numbers. `expected`: every plate has a little of it; `usual`: every bench, so that of settled d
+    and q it is always fitted. `shown_by`: what to record so that it shows, where as much of it as moves the
+    parameters far may hide in a log; else "". `stated`: what a log's metadata would have said of it, by which
+    rows are read in another way. `colour`: of noise that went through it, the correlation of
     rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what all are.
     `vague`: whether in such a log, with such numbers, it may look like anything, so that all others are tried
     as well. `hop`: of numbers that a log follows in steps, but for linear ones, where they had better be,
