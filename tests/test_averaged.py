@@ -225,12 +225,12 @@ def test_a_log_without_a_frequency_hides_nothing_of_one():
     assert abs(fit.parameters["tau"].value - 0.045) < 4 * fit.parameters["tau"].std < 0.004
 
 
-def test_what_would_move_k_t_alone_is_not_told(linear, monkeypatch):
+def test_what_would_move_k_t_alone_is_not_told(linear):
     """A sentence on it would name no parameter."""
     fit, tried = linear
-    assert averaging.assumed(fit, tried)
-    monkeypatch.setattr(fit, "names", ["k_T"] * len(fit.names))
-    assert not averaging.assumed(fit, tried)
+    each, logs = averaging.Hidden.each(fit, tried), [v.trial.log.name for v in fit.views]
+    assert averaging.assumed(each, fit.names, fit.std, logs)
+    assert not averaging.assumed(each, ["k_T"] * len(fit.names), fit.std, logs)
 
 
 def test_a_slow_sweep_of_one_direction_hides_that_the_plate_heats_itself():

@@ -20,8 +20,8 @@ from sysid.model.span import inverted
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import flank, lone
-from sysid.verdict.averaged import Allowed, spanned
-from sysid.verdict.firstorder import of_effects
+from sysid.verdict.averaged import Allowed, Hidden, spanned
+from sysid.verdict.firstorder import hidden, of_effects
 from sysid.verdict.linear import Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Kind, Term, together
@@ -36,10 +36,10 @@ CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off b
 
 @dataclass(frozen=True, eq=False)
 class Trying:
-    """One term with its test: by `chance` it is worth as much; `phase` (log, place) if only in logs whose
-    rotation is near that; `allowed` where errors span it. At the N nodes of a cell: what its numbers move,
-    `moves` (N, 3, r); how much larger what is usual is, in log variance, `larger` (N,); and the `products_of`
-    its rows there, (r, T)."""
+    """One term with its test: by `chance` it is worth as much, if it may show at all; `phase` (log, place)
+    if only in logs whose rotation is near that; `allowed` where errors span it. At the N nodes of a cell:
+    what its numbers move, `moves` (N, 3, r); how much larger what is usual is, in log variance, `larger`
+    (N,); and the `products_of` its rows there, (r, T)."""
 
     term: Term
     scored: Scored
@@ -62,8 +62,8 @@ class Trying:
 
     def light(self) -> "Trying":
         """Without the arrays over the rows, which the template has side by side."""
-        term = replace(self.term, shapes={})
-        allowed = Allowed(term, self.scored) if spanned(term) else None
+        term = replace(self.term, shapes=dict.fromkeys(self.term.shapes, np.zeros(0)))
+        allowed = Allowed(term, self.scored) if spanned(term) and self.chance < np.inf else None
         return replace(self, term=term, allowed=allowed)
 
     def at(self, share: np.ndarray, power: np.ndarray) -> Scored:
@@ -78,11 +78,12 @@ class Trying:
 
 class Near(NamedTuple):
     """All that is tried of plates in one place: the linearised fit there, each term with its chance, and the
-    logs."""
+    logs; and what these hide whole, as the plant and the bench make up for it."""
 
     fit: Linear
     tried: list[Trying]
     views: list[LinearisedLog]
+    whole: list[Hidden]
 
     @classmethod
     def of(cls, state: State, views: list[LinearisedLog], reference: tuple[float, float]) -> "Near":
@@ -102,8 +103,10 @@ class Near(NamedTuple):
             plain = [t for t in every if t.name in CHANNELS and t.log == i]
             known += [(t, of_each[t.name, t.log], phase) for t, phase in _turned(i, view, about, plain)]
         fit.look([t for t, _, phase in known if phase is not None])
-        scored = zip(known, fit.scored([t for t, *_ in known]), strict=True)
-        return cls(fit, [Trying(t, s, chance, phase) for (t, chance, phase), s in scored if s], views)
+        known += [(t, np.inf, None) for t in hidden(dict(enumerate(views)), about)]
+        scored = list(zip(known, fit.scored([t for t, *_ in known]), strict=True))
+        whole = [Hidden(t, *fit.usually(t)) for (t, *_), s in scored if not s and t.shown_by]
+        return cls(fit, [Trying(t, s, chance, phase) for (t, chance, phase), s in scored if s], views, whole)
 
 
 def products_of(weights: np.ndarray) -> np.ndarray:

@@ -137,6 +137,7 @@ def _told(posterior: "Posterior") -> Row:
     """What a posterior says of its plate."""
     from sysid.command.outputs import finding, plain
     from sysid.posterior.change import covariance
+    from sysid.verdict import wording
 
     fit, parameters = posterior.fit, posterior.summary()
     names, matrix = covariance(fit, parameters)
@@ -149,7 +150,7 @@ def _told(posterior: "Posterior") -> Row:
         "nrmse_percent": max(float(f.nrmse_percent) for f in fit.logs),
         "warnings": list(fit.warnings),
         "findings": [plain(finding(f)) for f in fit.findings],
-        "notes": list(fit.notes),
+        "notes": [*fit.notes, *wording.assumed(fit.assumed)],
         "traces": [
             {"name": f.log.name, **traces(f.log, f.kind, f.log.response[None], f.response[None])[0]}
             for f in fit.logs[:TRACED]

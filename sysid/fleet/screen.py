@@ -26,7 +26,7 @@ from sysid.fleet.template import Placed, Template
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
-from sysid.verdict.finding import Finding
+from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.gain_confounding import SEEN
 from sysid.verdict.identify import limits
 from sysid.verdict.immediate import FED
@@ -146,34 +146,38 @@ def vague(batch: Batch) -> np.ndarray:
 
 class Screened(NamedTuple):
     """Of each plate: why it goes to the full fit, "" where it need not, (P,); what effects that its logs
-    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; and what is to be warned
-    of."""
+    allow add to its covariance, (P, 3, 3) in its errors, and what is said of these; what is to be warned of;
+    and what they would not show."""
 
     why: np.ndarray
     spans: np.ndarray
     said: list[Finding | None]
     doubts: list[Finding | None]
+    assumed: list[list[Assumed]]
 
     @classmethod
     def nothing(cls, batch: Batch) -> "Screened":
         """Of the plates of a batch."""
         count = len(batch.theta)
         said, doubts = (list[Finding | None]([None] * count) for _ in range(2))
-        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts)
+        none: list[list[Assumed]] = [[] for _ in range(count)]
+        return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts, none)
 
-    def look(self, template: Template, rows: Rows, here: np.ndarray, at: Placed, plates: int) -> None:
+    def look(
+        self, template: Template, rows: Rows, here: np.ndarray, at: Placed, std: np.ndarray, plates: int
+    ) -> None:
         """At these plates (p,) of all (P,), which are `at` their place in a cell, with the tests of its
-        template; `rows` (P, R) are of all."""
+        template; `rows` (P, R) and the errors `std` (P, 3) are of all."""
         numbers = template.numbers(rows, here, at)
         for p, found in zip(here.tolist(), template.found(numbers, at, plates), strict=True):
             self.doubts[p] = template.doubt(found) if found else None
             if found and self.doubts[p] is None and not self.why[p]:
                 self.why[p] = found[-1].name
         quiet = self.why[here] == ""
-        here = here[quiet]
-        self.spans[here], told = template.averaged(numbers[quiet], at.of(quiet))
-        for p, finding in zip(here.tolist(), told, strict=True):
-            self.said[p] = finding
+        here, at = here[quiet], at.of(quiet)
+        self.spans[here], told = template.averaged(numbers[quiet], at)
+        for p, finding, assumed in zip(here.tolist(), told, template.assumed(at, std[here]), strict=True):
+            self.said[p], self.assumed[p] = finding, assumed
 
 
 def screened(
@@ -237,6 +241,7 @@ def _by_template(
     places, keys, rows = cells.places(batch), cells.keys(batch), None
     away, powers = (places - keys[:, :AXES]), cells.powers(batch, keys)
     found = Screened.nothing(batch)
+    std = np.sqrt(np.einsum("pii->pi", batch.covariance))
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     every = np.unique(keys, axis=0)
     # processes that begin at once go through new cells from either end, and make few of them twice
@@ -255,7 +260,7 @@ def _by_template(
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
         at = Placed(share, template.sizes(share), phases[here], powers[here], wider[here])
-        found.look(template, rows, here, at, plates)
+        found.look(template, rows, here, at, std, plates)
     return found
 
 

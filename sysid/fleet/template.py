@@ -21,9 +21,9 @@ from sysid.fleet.near import FREE, Near, Trying, products_of, size_of
 from sysid.fleet.tests import Tests
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
-from sysid.verdict.averaged import WIDER, Allowed, Together, widest
+from sysid.verdict.averaged import FARAWAY, WIDER, Allowed, Hidden, Together, assumed, largest, widest
 from sysid.verdict.conclusion import doubted, likeliest
-from sysid.verdict.finding import Finding
+from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.linear import ENOUGH, PERHAPS, Found
 from sysid.verdict.linearised import LinearisedLog
 
@@ -146,28 +146,50 @@ class Template:
         said = list[Finding | None]([None] * len(numbers))
         if (here := self._spanned) is None:
             return spans, said
-        size = 1 / at.size[:, here.at]
-        own, loud = numbers[:, here.at], at.power[:, here.logs] * size**2 / np.exp(at.share @ here.larger)
-        worth = 0.5 * np.add.reduceat(own**2, here.each.begins, axis=1)
-        seen = (worth > self._chance[here.tests] + PERHAPS).T
-        likely = here.each.likely(own, loud, self._here(at.phases)[:, here.tests].T, seen)
+        some, size = here.some, 1 / at.size[:, here.some.at]
+        own, loud = numbers[:, some.at], some.louder(at)
+        worth = 0.5 * np.add.reduceat(own**2, some.begins, axis=1)
+        seen = (worth > self._chance[some.tests] + PERHAPS).T
+        likely = here.each.likely(own, loud, self._here(at.phases)[:, some.tests].T, seen)
         k, p = np.nonzero(likely)
         shifts = np.einsum("en,neij->eij", at.share[p], here.moves[:, k])
         shifts = shifts * size[p[:, None], here.each.places[k]][:, None]
         np.add.at(spans, p, likely[k, p, None, None] * here.each.added((k, p), shifts, own, loud))
         for i in np.flatnonzero(np.max(np.einsum("pii->pi", spans), axis=1) >= WIDER**2 - 1).tolist():
-            some = [
+            each = [
                 (self._one(int(j), at.share[i], at.power[i]), here.each.own(own[i], j), float(likely[j, i]))
                 for j in k[p == i]
             ]
-            hint = widest(some, FREE, self.views)
+            hint = widest(each, FREE, self.views)
             said[i] = hint and hint.told(True)
         return spans, said
+
+    def assumed(self, at: Placed, std: np.ndarray) -> list[list[Assumed]]:
+        """What the logs of plates at these places would not show, and is assumed not to be there, as it would
+        move parameters, whose errors are `std` (P, 3), far."""
+        some, size, power = self._hidden, 1 / at.size[:, self._hidden.at], at.power[:, self._hidden.logs]
+        numbers = largest(some.usual / some.louder(at))
+        moved = np.einsum("pn,niq->piq", at.share, some.moves) * (size * numbers)[:, None]
+        moved = np.sqrt(np.add.reduceat(moved**2, some.begins, axis=2)) / at.wider[:, :, None]
+        coefficients, far = numbers * size * np.sqrt(power), np.max(moved, axis=1) > FARAWAY
+        far = far & self._here(at.phases)[:, some.tests]
+        errors, logs = std * at.wider, [v.trial.log.name for v in self.views]
+        found = []
+        for p in range(len(std)):
+            each = [
+                Hidden(x.term, x.scored.values @ some.own(coefficients[p], k), moved[p, :, k])
+                for k in np.flatnonzero(far[p]).tolist()
+                for x in [self.tried[some.tests[k]]]
+            ]
+            quiet = 1 / np.sqrt(at.power[p, 0]) / at.wider[p]  # in which as much is more of an error
+            each += [x._replace(moved=x.moved * quiet) for x in self.terms.whole]
+            found.append(assumed(each, FREE, errors[p], logs))
+        return found
 
     def _one(self, k: int, share: np.ndarray, power: np.ndarray) -> Allowed:
         """The k-th effect that errors span, in the noise of a plate."""
         assert self._spanned is not None
-        x = self.tried[self._spanned.tests[k]]
+        x = self.tried[self._spanned.some.tests[k]]
         return Allowed(x.term, x.at(share, power))
 
     @cached_property
@@ -186,21 +208,30 @@ class Template:
         return (place < 0) | (phases[:, log] == place)
 
     @cached_property
+    def _hidden(self) -> "_Some":
+        return self._some([k for k, x in enumerate(self.tried) if x.term.shown_by])
+
+    @cached_property
     def _spanned(self) -> "_Spanned | None":
         tests = [k for k, x in enumerate(self.tried) if x.allowed is not None]
         if not tests:
             return None
-        some = [self.tried[k] for k in tests]
-        together, sizes = (
-            Together.of([x.allowed for x in some if x.allowed]),
-            [len(x.products) for x in some],
-        )
+        some = self._some(tests)
+        together = Together.of([x.allowed for k in tests if (x := self.tried[k]).allowed])
+        moves = [[self.tried[k].moves[n] for k in tests] for n in range(len(self.tests.moves))]
+        return _Spanned(some, together, np.array([together.side_by_side(each) for each in moves]))
+
+    def _some(self, tests: Sequence[int]) -> "_Some":
+        """Of these tests the numbers side by side."""
+        each = [self.tried[k] for k in tests]
+        sizes = [len(x.products) for x in each]
         at = np.concatenate([self.begins[k] + np.arange(n) for k, n in zip(tests, sizes, strict=True)])
-        logs = np.repeat([x.term.log or 0 for x in some], sizes)
-        moves = [[x.moves[n] for x in some] for n in range(len(self.tests.moves))]
-        beside = np.array([together.side_by_side(each) for each in moves])
+        logs = np.repeat([x.term.log or 0 for x in each], sizes)
         larger = np.repeat(self.tests.larger[:, tests], sizes, axis=1)
-        return _Spanned(np.array(tests), at, logs, together, beside, larger)
+        begins = np.cumsum([0, *sizes[:-1]])
+        return _Some(
+            np.array(tests), begins, at, logs, self.tests.usual[at], self.tests.moves[:, :, at], larger
+        )
 
     def _own(self, numbers: np.ndarray, k: int) -> np.ndarray:
         """(P, r) those of the k-th test."""
@@ -216,17 +247,37 @@ class Template:
         return identify.why(name, trials, 1.0, FREE, 1)
 
 
-class _Spanned(NamedTuple):
-    """What errors span: of which test each effect is; of each of its numbers the place among those of all
-    tests, and the log; and `moves` (N, K, 3, r), what they move of G, tau and f0 at the nodes, in errors;
-    and `larger` (N, q), of each of its numbers."""
+class _Some(NamedTuple):
+    """Some `tests` (K,), their numbers (q,) side by side, each one's from `begins` on: of each number the
+    place among those of all tests, the log, and what is `usual`; what they move of G, tau and f0 at the
+    nodes, `moves` (N, 3, q), and how much `larger` (N, q) what is usual is there."""
 
     tests: np.ndarray
+    begins: np.ndarray
     at: np.ndarray
     logs: np.ndarray
-    each: Together
+    usual: np.ndarray
     moves: np.ndarray
     larger: np.ndarray
+
+    def louder(self, at: Placed) -> np.ndarray:
+        """(P, q) the power of the noise over what is usual of plates at these places, over that of the
+        tests."""
+        return at.power[:, self.logs] / at.size[:, self.at] ** 2 / np.exp(at.share @ self.larger)
+
+    def own(self, numbers: np.ndarray, k: int) -> np.ndarray:
+        """(r,) those of the k-th test."""
+        end = self.begins[k + 1] if k + 1 < len(self.begins) else None
+        return numbers[self.begins[k] : end]
+
+
+class _Spanned(NamedTuple):
+    """What errors span: `some` tests, the effects that these are of `together`, and what numbers of each move
+    of G, tau and f0 at the nodes, in errors, `moves` (N, K, 3, r)."""
+
+    some: _Some
+    each: Together
+    moves: np.ndarray
 
 
 @on_rows()

@@ -19,7 +19,7 @@ from sysid.verdict.result import NORMAL95
 
 if TYPE_CHECKING:
     from sysid.logs.log import Log
-    from sysid.verdict.finding import Finding
+    from sysid.verdict.finding import Assumed, Finding
 
 NUMBERS = ("value", "std", "ci95_low", "ci95_high")
 UNITS = {"tau": "s", "f0": "Hz"}  # that of G is the logs'
@@ -60,6 +60,8 @@ def told(
         same = hint is not None and doubt is not None and (hint.key, hint.logs) == (doubt.key, doubt.logs)
         doubts = [] if doubt is None or same else [_named(doubt, logs, cells.logs)]
         hinted = [f["sentence"] for f in spanned]
+        findings = [*doubts, *late, *spanned]
+        assumed = _assumed(seen.assumed[p], {f["key"] for f in findings}, logs, cells.logs)
         rows.append(
             blank(group, settings, BY_BATCH, read=logs)
             | {
@@ -73,8 +75,13 @@ def told(
                 "reference_temperature_degC": at,
                 "nrmse_percent": float(percents[k]),
                 "warnings": [*alarms, *(hinted if same else ()), *(f["sentence"] for f in (*doubts, *late))],
-                "findings": [*doubts, *late, *spanned],
-                "notes": [*(batch.notes[p] if batch.notes else ()), *notes, *(() if same else hinted)],
+                "findings": findings,
+                "notes": [
+                    *(batch.notes[p] if batch.notes else ()),
+                    *notes,
+                    *(() if same else hinted),
+                    *assumed,
+                ],
                 "traces": [
                     {"name": log.name, **each[k]}
                     for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)
@@ -92,6 +99,19 @@ def _late(error: float) -> list[Row]:
     from sysid.verdict.wording import hangs_on_lateness
 
     return [plain(finding(Finding("late", "noted", hangs_on_lateness(error))))]
+
+
+def _assumed(
+    some: "Sequence[Assumed]", found: set[str], logs: "Sequence[Log]", first: "Sequence[Log]"
+) -> list[str]:
+    """Sentences on what a plate's logs would not show and that is not `found`, by the names of these logs
+    instead of those of the `first` plate."""
+    from sysid.verdict import wording
+
+    names = {old.name: new.name for old, new in zip(first, logs, strict=True)}
+    return wording.assumed(
+        [replace(a, logs=tuple(names[name] for name in a.logs)) for a in some if a.key not in found]
+    )
 
 
 def _named(hint: "Finding", logs: "Sequence[Log]", first: "Sequence[Log]") -> Row:

@@ -21,7 +21,7 @@ Hoeting, Madigan, Raftery & Volinsky, Bayesian model averaging: a tutorial, Stat
 (1999).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -230,25 +230,63 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     return Average(added, widest(those, fit.names, fit.views))
 
 
-def assumed(fit: Linear, tried: Sequence[Term]) -> list[Assumed]:
-    """What the fit assumes not to be there, of effects of which it is known what would show them: of a usual
-    size or, if less, of the largest that would not show, `HIDES` of its standard deviations."""
-    found: dict[Kind, Assumed] = {}
-    some = [term for term in tried if term.shown_by]
-    for term, scored in zip(some, fit.scored(some), strict=True):
-        value, moved = fit.usually(term)
-        if scored is not None:
-            numbers = np.minimum(np.sqrt(scored.usual), HIDES)
-            value, moved = scored.values @ numbers, np.linalg.norm(scored.moves * numbers, axis=1)
-        each = zip(fit.names, moved, fit.std, strict=True)
-        far = {n: float(x * std) for n, x, std in each if n in DIRECT and x > FARAWAY}
-        if far:
-            numbers, known = term.numbers(value, np.zeros(len(value))), found.get(term.kind)
-            size = numbers.get("size", next(iter(numbers.values())))
-            if known is None or abs(size.value) > abs(known.size.value):
-                logs = tuple(fit.views[i].trial.log.name for i in term.shapes)
-                found[term.kind] = Assumed(term.name, logs, term.shown_by, size, far)
-    return list(found.values())
+class Hidden(NamedTuple):
+    """The coefficients `value` (m,) of a term that logs would not show, and by how much each parameter would
+    move, `moved` (p,), in its standard deviations."""
+
+    term: Term
+    value: np.ndarray
+    moved: np.ndarray
+
+    @classmethod
+    def each(cls, fit: Linear, tried: Sequence[Term]) -> "list[Hidden]":
+        """Of terms of which it is known what would show them: of a usual size or, if less, the largest that
+        would not show."""
+        found, some = [], [term for term in tried if term.shown_by]
+        for term, scored in zip(some, fit.scored(some), strict=True):
+            value, moved = fit.usually(term)
+            if scored:
+                numbers = largest(scored.usual)
+                value, moved = scored.values @ numbers, np.linalg.norm(scored.moves * numbers, axis=1)
+            found.append(cls(term, value, moved))
+        return found
+
+    def told(self, logs: Sequence[str], moves: dict[str, float]) -> Assumed:
+        """As what is assumed of some of `logs`, if it is not there."""
+        numbers = self.term.numbers(self.value, np.zeros(len(self.value)))
+        size = numbers.get("size", next(iter(numbers.values())))
+        where = tuple(logs[i] for i in self.term.shapes)
+        return Assumed(self.term.name, where, self.term.shown_by, size, moves)
+
+
+def largest(usual: np.ndarray) -> np.ndarray:
+    """Numbers of variances `usual`, or, if less, the largest that would not show, `HIDES` standard
+    deviations."""
+    return np.minimum(np.sqrt(usual), HIDES)
+
+
+def assumed(
+    each: Iterable[Hidden], names: Sequence[str], std: np.ndarray, logs: Sequence[str]
+) -> list[Assumed]:
+    """Of what `logs` would not show all that is assumed not to be there, as it would move G, tau or f0 by
+    many of its `std` (p,); of each effect what moves them farthest."""
+    found: dict[Kind, tuple[float, Hidden]] = {}
+    direct = np.array([name in DIRECT for name in names])
+    for x in each:
+        most = float(np.max(x.moved[direct], initial=0.0))
+        if most > max(FARAWAY, found.get(x.term.kind, (0.0,))[0]):
+            found[x.term.kind] = most, x
+    return [
+        x.told(
+            logs,
+            {
+                n: float(x.moved[k] * std[k])
+                for k, n in enumerate(names)
+                if direct[k] and x.moved[k] > FARAWAY
+            },
+        )
+        for _, x in found.values()
+    ]
 
 
 def widest(

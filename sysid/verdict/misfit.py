@@ -21,7 +21,7 @@ from sysid.effects.effect import About, one_way
 from sysid.effects.plate import CURVED
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
-from sysid.verdict.averaged import Average, assumed, averaged
+from sysid.verdict.averaged import Average, Hidden, assumed, averaged
 from sysid.verdict.between import own, times
 from sysid.verdict.finding import Assumed
 from sysid.verdict.firstorder import hidden
@@ -68,7 +68,9 @@ class Misfits(NamedTuple):
         """What is taken not to be there, as the logs would not show it."""
         if self.fit is None or self.about is None:
             return []
-        return assumed(self.fit, [*self.tried, *hidden(dict(enumerate(self.fit.views)), self.about)])
+        fit, views = self.fit, self.fit.views
+        each = Hidden.each(fit, [*self.tried, *hidden(dict(enumerate(views)), self.about)])
+        return assumed(each, fit.names, fit.std, [v.trial.log.name for v in views])
 
 
 def misfits(state: State, reference: tuple[float, float], free: Sequence[str], at: float | None) -> Misfits:

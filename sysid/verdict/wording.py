@@ -194,7 +194,7 @@ def assumed(some: Sequence[Assumed]) -> list[str]:
         moved = ", ".join(
             f"{n} by {x:.2g} Hz" if n == "f0" else f"{n} by {100 * x:.2g} %" for n, x in moves.items() if x
         )
-        about = list(dict.fromkeys(name for a in here for name in a.logs))
+        about = sorted({name for a in here for name in a.logs})
         logs = ", ".join(about) if len(about) < NAMED else f"{len(about)} logs"
         told.append(
             f"{logs}: taken as without {names}; as much would not show here, and would move {moved}; record"
