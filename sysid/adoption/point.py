@@ -163,7 +163,7 @@ class Points:
         """The same where what is fed beside its plates is known."""
         read = zip(self.applied(instances, numbers, near), near.trials, strict=True)
         trials = tuple(with_noise(t, old.noise.std, 0.0) for t, old in read)
-        return self.minimiser.refine(trials, near.theta if theta is None else theta, rounds)
+        return self.minimiser.refine(trials, near.theta if theta is None else theta, rounds, near.low_q)
 
     def anew(self, instances: Sequence[Instance], numbers: np.ndarray) -> State:
         """The best minimum that the logs, read with these effects, lead to by themselves."""

@@ -10,6 +10,7 @@ import numpy as np
 from sysid.model.experiment import Groups, Residual
 from sysid.model.likelihood import linearised
 from sysid.model.prior import Prior
+from sysid.model.theta import PLANT
 from sysid.precision import seldom
 from sysid.trials.experiment import stacks
 
@@ -41,13 +42,15 @@ class Seen(NamedTuple):
 
 
 @seldom
-def _looked(theta, directions, layout, x):
-    """J^T J and the gradient along the directions, and the residual, of each log of a stack of one layout. A
-    program for each layout is smaller than one for each set of layouts, and there are fewer of them."""
+def _looked(theta, sizes, layout, x):
+    """J^T J and the gradient along steps of these sizes (p,) in the first p numbers of theta, and the
+    residual, of each log of a stack of one layout. A program for each layout is smaller than one for each set
+    of layouts, and there are fewer of them; one for all parameters serves whichever are free."""
+    steps = jnp.eye(len(sizes), len(theta)) * sizes[:, None]
 
     def one(x):
         found, change = linearised(theta, x, layout)
-        jacobian = jax.vmap(change, in_axes=1)(directions)
+        jacobian = jax.vmap(change)(steps)
         return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
 
     return jax.vmap(one)(x)
@@ -80,9 +83,10 @@ def _stepped(_, given):
 
 def prepare(groups: Groups, theta: np.ndarray, directions: np.ndarray) -> None:
     """Begin to make the programs of a descent, where that goes on beside."""
+    sizes, _ = _along(directions)
     for layout, x in groups:
         for stack in stacks(x):
-            _looked.prepare(theta, directions, layout, stack)
+            _looked.prepare(theta, sizes, layout, stack)
     d = directions.shape[1]
     rest, none, nothing = np.zeros(d), np.zeros(()), np.zeros((d, d))
     sums = Sums(none, rest, nothing)
@@ -115,11 +119,12 @@ def levenberg_marquardt(
 def _seen(groups: Groups, theta: np.ndarray, directions: np.ndarray, prior: Prior) -> Seen:
     """What is seen at theta."""
     grams, gradients, found = [], [], []
+    sizes, free = _along(directions)
     for layout, x in groups:
-        parts = [_looked(theta, directions, layout, stack) for stack in stacks(x)]
+        parts = [_looked(theta, sizes, layout, stack) for stack in stacks(x)]
         gram, gradient, residual = jax.tree.map(lambda *each: np.concatenate(each), *parts)
-        grams.append(gram)
-        gradients.append(gradient)
+        grams.append(gram[:, free[:, None], free])
+        gradients.append(gradient[:, free])
         found.append(residual)
     squares = sum(float(np.sum(np.abs(f.rows) ** 2)) for f in found)
     sums = Sums(
@@ -128,6 +133,15 @@ def _seen(groups: Groups, theta: np.ndarray, directions: np.ndarray, prior: Prio
         np.concatenate(grams).sum(axis=0) + directions.T @ prior.precision @ directions,
     )
     return Seen(theta, sums, grams, found)
+
+
+def _along(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes of steps in the first numbers of theta, as many as may be free: a plate's, and a finger's; and
+    which the directions (6, d), each of one number, go along."""
+    free = np.argmax(directions != 0, axis=0)
+    sizes = np.ones(len(directions) if np.any(free >= len(PLANT)) else len(PLANT))
+    sizes[free] = directions[free, np.arange(len(free))]
+    return sizes, free
 
 
 @dataclass

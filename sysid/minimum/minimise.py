@@ -110,7 +110,7 @@ def rippling(state: State, q: float) -> float:
     """What the fast mode's ripple may be worth, in log-likelihood: it rings with 1/(4 Q) of what the response
     changes by for about tau after each change of the drive."""
     worth = 0.0
-    for t in (t for t in state.trials if t.resonant and t.driven and not t.steady and t.log.theta is None):
+    for t in (t for t in state.trials if t.ripples):
         most = max(np.abs(t.inputs.drive).max(), 1e-300)  # an effect may leave no drive at all
         changes = np.sum(np.abs(np.diff(t.inputs.drive, prepend=0.0) / most) ** 2)
         rows = min(changes * state.tau / t.spacing, len(t.log)) if t.spacing else len(t.log)
@@ -205,11 +205,12 @@ class Minimiser:
         trials: tuple[Trial, ...],
         theta: np.ndarray,
         rounds: Rounds = NEW,
+        low_q: bool | None = None,
     ) -> State:
         """The minimum near `theta`; where the fast mode's ripple may be seen the better of that with it and
-        that without, as behind a lock-in that removes it."""
-        if not any(t.resonant and not t.steady for t in trials):
-            return self._descend(trials, theta, False, rounds)
+        that without, as behind a lock-in that removes it, unless `low_q` says which."""
+        if low_q is not None or not any(t.ripples for t in trials):
+            return self._descend(trials, theta, bool(low_q), rounds)
         state = self._descend(trials, theta, self._q(theta) < LOW_Q, rounds)
         if not state.low_q and rippling(state, self._q(state.theta)) < RIPPLES:
             return state

@@ -29,7 +29,6 @@ class Layout(NamedTuple):
     steady: bool  # settled points
     rows: int
     intervals: int
-    alongside: bool = False  # a sweep in which something else moves as well, `offset` (N,)
 
 
 class Experiment(NamedTuple):
@@ -44,10 +43,10 @@ class Experiment(NamedTuple):
     unknown; `lateness` s, the standard deviation of how late the response is, over that of the other
     nuisances, `toward` (2,) the angles along which it is real and imaginary, times the share of s that each
     may have; `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4
-    (complex), or (N,) what moves alongside the plate; `start_free` and `offset_free` the priors of start and
-    offset over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E, N): shapes
-    of the log's own, held at a plate. `tied` (3,): its own resonance where its thermometer's error is fitted,
-    Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
+    (complex); `alongside` (N,) what moves beside the plate; `start_free` and `offset_free` the priors of
+    start and offset over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E,
+    N): shapes of the log's own, held at a plate. `tied` (3,): its own resonance where its thermometer's error
+    is fitted, Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
     """
 
     hold: Hold
@@ -65,6 +64,7 @@ class Experiment(NamedTuple):
     floor: Leaf
     late: Leaf
     offset: Leaf
+    alongside: Leaf
     start_free: Leaf
     floor_free: Leaf
     offset_free: Leaf

@@ -88,7 +88,7 @@ def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
         theta = jnp.stack(at._replace(f0=tied))
     forced, rate, free = basis(theta, x.hold, layout)
     gain = 1.0 if layout.own_gain else jnp.exp(Theta.of(theta).log_G)
-    forced = gain * forced + x.offset if layout.alongside else gain * forced
+    forced = gain * forced + x.alongside
     if layout.own_gain and layout.amplitude:  # the size is all there is, beside a floor whose power adds
         forced = jnp.sqrt(jnp.abs(forced) ** 2 + x.floor)
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
@@ -204,7 +204,7 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    now = (jnp.ones(()), x.start, x.late, x.floor, jnp.zeros((), complex) if layout.alongside else x.offset)
+    now = (jnp.ones(()), x.start, x.late, x.floor, x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _off(_whiten(size, x), x)

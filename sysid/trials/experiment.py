@@ -90,11 +90,12 @@ def _experiment(
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
     late = not trial.steady
-    both, order = moving and low_q and not carrier, trial.smoothing[1]
+    both, order = low_q and trial.ripples, trial.smoothing[1]
     size = abs(trial.bench.turn) or 1.0
     apart, toward = bool(noise.levels), trial.bench.turn / size
     extra = [_pad(x[keep], rows) for x in trial.extra_columns.values()]
     split = apart or (late and swept and not amplitude) or bool(extra)
+    beside = trial.bench.alongside
     flags = (
         amplitude,
         own_gain,
@@ -113,7 +114,7 @@ def _experiment(
     y = _pad(whitened(y, now, before), rows)
     bases = [_pad_rows(q, rows, COLUMNS + max(order, 0)) for q, _ in trial.spans]
     channels = (y.real, y.imag) if apart else (y,)
-    return Layout(*flags, rows, intervals, trial.bench.alongside is not None), Experiment(
+    return Layout(*flags, rows, intervals), Experiment(
         hold=padded(hold, keep, keep if trial.steady else slice(None), rows, intervals),
         response=joined([v - (basis @ v) @ basis for basis, v in zip(bases, channels, strict=True)]),
         now=_pad(now, rows),
@@ -128,9 +129,8 @@ def _experiment(
         start=np.asarray(complex(trial.bench.start) / trial.started),
         floor=np.asarray(max(trial.lift, trial.bench.floor) / (size**2 if trial.undriven_sweep else 1.0)),
         late=np.asarray(trial.bench.late * trial.looseness / (trial.lateness or 1.0)),
-        offset=np.asarray(complex(trial.bench.offset))
-        if trial.bench.alongside is None
-        else _pad(trial.bench.alongside[keep], rows),
+        offset=np.asarray(complex(0.0 if beside is not None else trial.bench.offset)),
+        alongside=_pad(np.zeros(rows, complex) if beside is None else beside[keep], rows),
         start_free=np.asarray(trial.start_free * trial.started),
         floor_free=np.asarray(float(trial.bench.floor_free and not trial.steady)),
         offset_free=np.asarray(trial.bench.standing * trial.prior("offset") / trial.looseness),

@@ -235,6 +235,13 @@ class Trial(Record):
         tau, order = self.log.bench.get("lockin_tau_s", 0.0), int(self.log.bench.get("lockin_order", 1))
         return (tau, order) if tau > 0 and not self.steady and self.log.theta is None else (0.0, 0)
 
+    @property
+    def ripples(self) -> bool:
+        """Whether it may show the ringing at twice the frequency after each change of the drive, of which a
+        filter lets nothing through."""
+        moving = self.resonant and self.driven and not self.steady
+        return moving and self.log.theta is None and not self.smoothing[1]
+
     @cached_property
     def lateness(self) -> float:
         """Standard deviation (s) of the prior of the lateness: that of the delay, as stated, or a row, or the
