@@ -353,11 +353,12 @@ def test_logs_of_two_plates_are_named_as_two_groups(bench):
     assert abs(float(said[1]) + 50.0) < 1.5
 
 
-def test_a_gain_that_is_far_off_is_told_as_it_is(bench):
+def test_a_gain_that_is_far_off_is_told_as_it_is(bench, nuisances):
     """To first order a gain ten times as large is two and a half times as large."""
     odd = bench.transient(seed=51)
     odd = replace(odd, name="odd", response=10 * odd.response)
-    fit = sysid.fit([bench.transient(seed=50), odd, bench.transient(seed=52), bench.sweep(seed=53)])
+    logs = [bench.transient(seed=50), odd, bench.transient(seed=52), bench.sweep(seed=53)]
+    fit = sysid.fit(logs, nuisances=nuisances)
     (found,) = (f for f in fit.findings if f.outcome == "refused")
     assert (found.key, found.logs) == ("odd", ("odd",))
     times = float(re.search(r"about ([.\d]+) times that", found.sentence)[1])
@@ -674,7 +675,7 @@ def test_an_amplitude_without_a_frequency_that_was_driven_beside_the_resonance_i
         assert [f.key for f in fit.findings if f.outcome == "refused"] == ["off_resonance"]
 
 
-def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench):
+def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench, among):
     """A feedthrough and a lateness that cancel make up for a gain: with them a log that is turned is
     described, as it is unturned, and no better."""
     given = {"frequency": bench.plant.f0, "dt": 5e-5, "volts": np.repeat([0.0, 100.0], [40, 440])}
@@ -683,11 +684,12 @@ def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench):
         for k, gain in enumerate((1.0, 1.03, 0.97, 1.06, 1.0))
         for log in (bench.transient(seed=80 + k, **given),)
     ]
-    (found,) = (f for f in sysid.fit(logs).findings if f.outcome == "refused")
+    fit = sysid.fit(logs, nuisances=among("delay"))
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
     assert found.key == "odd" and "G contradicts the other logs" in found.sentence
 
 
-def test_a_step_that_is_late_does_not_contradict_the_others():
+def test_a_step_that_is_late_does_not_contradict_the_others(among):
     """Alone it is described by a gain 1.25 times as large, with an error that spans that it may be late: it
     is, which is fitted."""
     plant = sysid.Plant(0.02, 1.669e-3, 32300.0, -10.0)
@@ -705,7 +707,8 @@ def test_a_step_that_is_late_does_not_contradict_the_others():
         return Scene(plant, inputs, rows, rows / length, (EFFECTS["delay"](time=late), noise)).simulate(seed)
 
     logs = step(6, 100.0, 300, 0.49, 28.8), step(7, 100.0, 800, 1.12, 24.0), step(8, 43.0, 800, 0.92, 24.0)
-    fit = sysid.fit([replace(logs[0], name="first"), replace(logs[1], name="late", bench={}), logs[2]])
+    logs = [replace(logs[0], name="first"), replace(logs[1], name="late", bench={}), logs[2]]
+    fit = sysid.fit(logs, nuisances=among("delay"))
     (found,) = (f for f in fit.findings if f.outcome == "fitted")
     assert (found.key, found.logs, fit.result) == ("delay", ("late",), Result.successful)
     assert found.numbers["delay_s"].value == pytest.approx(late, abs=4 * found.numbers["delay_s"].std)
