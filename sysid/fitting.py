@@ -107,8 +107,9 @@ def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) 
 
 def _called_for(best: State, judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
     """The effects of these names that a minimum may call for: of logs that only differ, none that lasts for a
-    while; of driven rows that no plate explains, no other; of what harms nothing, those that it is to first
-    order."""
+    while; of driven rows that no plate explains, no other, unless a plate may beat with a drive of which no
+    frequency is known; of what harms nothing, those that it is to first order."""
+    restless = restless and all(t.resonant for t in best.trials)
     each = [e for e in EFFECTS if e.hop is None or not judged.apart]
     if not judged.wrong and not any(slow(best, i) for i in range(len(best.trials))):
         known = {f.name for f in judged.found if f.certain}

@@ -649,32 +649,6 @@ def test_an_offset_that_drifts_in_a_step_is_named_and_fitted_on_request(bench, s
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds))
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("off", [study(0.25), 0.5])
-def test_a_step_off_its_resonance_without_a_frequency_is_named(bench, off, sign, nuisances):
-    """By so many half bandwidths: W turns as it grows, which at the resonance it does not."""
-    hertz = off / (2 * np.pi * bench.plant.tau)
-    log = bench.transient(seed=5, frequency=bench.plant.f0 + sign * hertz)
-    fit = sysid.fit([replace(log, frequency=None)], nuisances=nuisances)
-    assert fit.result is Result.misfit
-    found = re.search(r"driven about (\S+) Hz off the resonance", fit.warnings[-1])
-    assert float(found[1]) == pytest.approx(hertz, rel=0.3)  # to first order
-    fit = sysid.fit([replace(bench.transient(seed=5, frequency=bench.plant.f0), frequency=None)])
-    assert fit.result is Result.successful
-
-
-@seeds(2, 20)
-def test_an_amplitude_without_a_frequency_that_was_driven_beside_the_resonance_is_called_so(
-    bench, seeds, among
-):
-    """By 30 Hz, a third of a half bandwidth, tau is eleven of its errors off; a loss of rows described it."""
-    for seed in seeds:
-        log = bench.transient(seed=seed, frequency=bench.plant.f0 + 30.0, amplitude=True, noise=0.005)
-        fit = sysid.fit([replace(log, frequency=None, temperature=None)], nuisances=among("rows_lost"))
-        assert fit.result is Result.misfit
-        assert [f.key for f in fit.findings if f.outcome == "refused"] == ["off_resonance"]
-
-
 def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench, among):
     """A feedthrough and a lateness that cancel make up for a gain: with them a log that is turned is
     described, as it is unturned, and no better."""

@@ -16,14 +16,16 @@ from sysid.effects.effect import (
     lasted,
     nowhere,
     oscillating,
+    positive,
     shifted,
     sweep,
     sweep_or_moving,
 )
 from sysid.effects.number import Number, number
 from sysid.model.plant import SECOND
+from sysid.model.theta import Theta
 from sysid.rows.hold import cut
-from sysid.trials.perturbed import LogResponse
+from sysid.trials.perturbed import FAR, LogResponse
 from sysid.trials.trial import Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep, at the largest response: what shifts by more has left it
@@ -79,6 +81,61 @@ DUFFING = Effect(
     vague=lambda trial, values: not trial.steady,  # rows of a transient tell one another, whatever it is
     makes_sense=followed,
 )
+
+
+BESIDE = np.array([0.3, 1.0, 3.0, 8.0])  # half bandwidths, from where the drive is looked for
+WITHIN = 2.0  # half bandwidths, by which it is mostly missed where it was meant
+RINGING = np.array([0.25, 0.5, 1.0, 2.0])  # half bandwidths beside the resonance, at which an amplitude rings
+
+
+def _off_resonance(signed: bool) -> Effect:
+    """A transient without a frequency, taken as driven at the resonance, was driven so many half bandwidths
+    above it. An amplitude is the same from either side."""
+
+    def shows(trial: Trial) -> bool:
+        unknown = not (trial.steady or trial.resonant) and trial.driven and trial.signed is signed
+        turned = np.iscomplexobj(trial.log.response) or not signed  # one real channel may be of anything
+        return unknown and turned and len(trial.log) >= LEAST_ROWS
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        inputs, f0 = trial.inputs, Theta.of(about.theta).f0
+        driven = f0 + np.nan_to_num(about.reference[0]) + values[0] * about.half_bandwidth
+        return replace(
+            trial,
+            inputs=inputs._replace(
+                omega=np.full_like(inputs.omega, FAR), offset=np.full_like(inputs.offset, -driven)
+            ),
+        )
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        off = found["off_Hz"]
+        return Told(
+            f"it was driven about {abs(off.value):.2g} ± {off.std:.1g} Hz off the resonance, and no frequency"
+            " is recorded",
+            "add a frequency_* column, or its value as metadata",
+        )
+
+    ways = BESIDE if not signed else np.concatenate([BESIDE, -BESIDE])
+    return Effect(
+        name="off_resonance",
+        shows=shows,
+        stds=lambda trial, about: np.array([WITHIN]),
+        starts=lambda trial, about: ways[:, None],
+        applied=applied,
+        numbers=lambda trial, values, stds, about: {
+            "off_Hz": number(
+                values[0] * about.half_bandwidth - about.moved, stds[0] * about.half_bandwidth, "Hz"
+            )
+        },
+        said=said,
+        linear=(0,) if signed else (),
+        places=None if signed else lambda trial, about: RINGING[:, None],
+        afresh=always,
+        makes_sense=None if signed else positive,
+    )
+
+
+OFF_RESONANCE = (_off_resonance(True), _off_resonance(False))
 
 
 def _turns(trial: Trial) -> bool:

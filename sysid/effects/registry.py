@@ -16,7 +16,15 @@ from sysid.effects.drift import (
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, DRIVE_OVERSHOOT, LIMIT, POWER
 from sysid.effects.effect import Effect
 from sysid.effects.mode import SECOND_MODE, SECOND_POLE
-from sysid.effects.plate import AMPLITUDE_DAMPING, ASYMMETRIC, CURVED, DUFFING, OVERSHOOT, TEMPERATURE_DAMPING
+from sysid.effects.plate import (
+    AMPLITUDE_DAMPING,
+    ASYMMETRIC,
+    CURVED,
+    DUFFING,
+    OFF_RESONANCE,
+    OVERSHOOT,
+    TEMPERATURE_DAMPING,
+)
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.effects.stretch import STRETCH
 from sysid.trials.extra import EXTRA
@@ -31,6 +39,7 @@ EFFECTS: tuple[Effect, ...] = (
     DELAY,
     EDGES,
     *FILTERS,
+    *OFF_RESONANCE,
     OVERSHOOT,
     DUFFING,
     *AMPLITUDE_DAMPING,

@@ -153,6 +153,7 @@ class Minimiser:
         points, score, cost = self._starts(search, start)
         level = 0.05 * np.sqrt(np.where(np.isfinite(cost), cost, 1.0) / search.freedom)
         trials = tuple(with_noise(t, s * t.scale, 0.0) for t, s in zip(trials, level, strict=True))
+        points[:, 1] *= "f0" in self.free  # else all are driven at the resonance
         untouched = np.zeros((len(points), len(FINGER)))
         starts = np.column_stack([_log_gains(search, points), points, untouched])
         # what an amplitude began with is found with the plant

@@ -218,7 +218,7 @@ class LogResponse:
     def derivatives(self, start: complex = 0.0, late: complex = 0.0) -> np.ndarray:
         """(n, 6) of forced + start free + late rate by the six components of theta."""
         hold, tau = self.hold, self.tau
-        turning = 2j * np.pi * np.ones(len(hold.drive)) * self.trial.resonant
+        turning = 2j * np.pi * np.isfinite(hold.omega)
         rates = (
             self.damped / tau,
             turning,

@@ -322,6 +322,12 @@ class Trial(Record):
         floor = max(floor, 0.0)
         return self.with_bench(floor=floor, under=0.5 / np.sqrt(power + max(floor, self.lift)))
 
+    def sized(self, plate: np.ndarray) -> np.ndarray:
+        """(n,) the amplitude as which a plate's response (n,) is recorded."""
+        if self.undriven_sweep:
+            return np.sqrt(np.abs(plate) ** 2 + self.bench.floor)
+        return rice.mean(plate, self.lift)
+
     def towards(self, plate: np.ndarray) -> np.ndarray:
         """(n,) of which the real part, times a change of the plate's response (n,), is an amplitude's."""
         if self.undriven_sweep:
@@ -331,7 +337,7 @@ class Trial(Record):
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
-        offset = reference[0] + self.inputs.offset
+        offset = np.nan_to_num(reference[0]) + self.inputs.offset
         offset, begun = np.where(np.isnan(offset), 0.0, offset), np.zeros(len(offset))
         begun[0] = self.begun
         return self.inputs._replace(smoothing=self.smoothing[0], offset=offset, warming=warming, begun=begun)

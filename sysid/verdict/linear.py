@@ -356,10 +356,6 @@ class Linear:
             moves[term.beside[0]] += (
                 term.beside[1] * value[0] / scale[0] / self.std[self.names.index(term.beside[0])]
             )
-        if term.squared is not None and term.squared[0] in moves:
-            moves[term.squared[0]] += (
-                term.squared[1] * (value[0] / scale[0]) ** 2 / self.std[self.names.index(term.squared[0])]
-            )
         certain = bool(gained >= chance + ENOUGH)
         explains = said != UNNAMED and self._explains(rows, coefficient, shift)
         numbers = term.numbers(coefficient, std) if explains else {}

@@ -127,11 +127,7 @@ class LinearisedLog:
 
     def _floor(self, under: np.ndarray) -> Column:
         """Of a sweep: what is fitted of a rise of the amplitudes that is `under` (n,) of a floor."""
-        if self.trial.undriven_sweep:
-            without = np.sqrt(np.abs(self.plate) ** 2 + self.trial.bench.floor)
-        else:
-            without = rice.mean(self.plate, self.trial.lift)
-        prior = self.trial.prior("floor") / float(np.max(under))
+        without, prior = self.trial.sized(self.plate), self.trial.prior("floor") / float(np.max(under))
         return Column("floor", under, prior, float((self.model - without) @ under / (under @ under)))
 
     def _in_dq(self) -> list[Column]:
@@ -201,8 +197,9 @@ class LinearisedLog:
         moved = trial.inputs is not self.trial.inputs or trial.bench.filter is not self.trial.bench.filter
         course = self._moved(trial) if moved else self.course
         start, late = self.beside
-        plate = course.forced + start * course.free + late * course.rate + trial.bench.moves
-        return self.observed(self.own * plate[None])[0] - trial.log.response
+        plate = self.own * (course.forced + start * course.free + late * course.rate + trial.bench.moves)
+        seen = self.turn * plate if trial.signed else trial.sized(plate + trial.bench.offset)
+        return seen - trial.log.response
 
     def _moved(self, trial: Trial) -> LogResponse:
         """The log read as `trial`, as warm as it is then: by what its own thermometer is off it stays off."""

@@ -27,7 +27,6 @@ class Term:
     beside: tuple[str, float] | None = (
         None  # a parameter that it moves besides, by so much for a coefficient of one
     )
-    squared: tuple[str, float] | None = None  # the same, for the square of a coefficient
     shown_by: str = ""  # what to record so that it shows, where it may hide
     # what every plate has a little of: not one of many things that chance may look like
     expected: bool = False

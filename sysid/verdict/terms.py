@@ -10,7 +10,7 @@ from sysid.effects.effect import About
 from sysid.verdict.between import between
 from sysid.verdict.firstorder import of_effects
 from sysid.verdict.linearised import LinearisedLog
-from sysid.verdict.term import Term, of_one
+from sysid.verdict.term import Term
 from sysid.verdict.throughout import of_all
 from sysid.verdict.timing import moments
 
@@ -24,7 +24,6 @@ RIPPLING = (
     "{}: after a change of the drive it rings at twice its frequency, by a part of what a plate does, as"
     " behind a lock-in's filter; state lockin_tau_s and lockin_order"
 )
-RINGING = (0.25, 1.0)  # half bandwidths beside the resonance, at which an amplitude rings
 
 
 def terms(views: list[LinearisedLog], free: Sequence[str], about: About, away: float) -> list[Term]:
@@ -45,8 +44,6 @@ def _of_one(i: int, view: LinearisedLog) -> Iterator[Term]:
     trial = view.trial
     if not trial.driven and not trial.steady:
         return
-    if not trial.resonant and trial.driven and not trial.steady:
-        yield from _beating(i, view) if trial.log.amplitude_only else _off_resonance(i, view)
     if trial.steady:
         yield from _background(i, view)
     else:
@@ -61,39 +58,6 @@ def _rippling(i: int, view: LinearisedLog) -> Iterator[Term]:
         if np.any(shape):
             said = RIPPLING.format(trial.log.name)
             yield Term("filter", {i: shape}, lambda *_: said, i, alike=True)
-
-
-def _off_resonance(i: int, view: LinearisedLog) -> Iterator[Term]:
-    """A d/q transient whose frequency is not recorded, and which was not driven at the resonance as it is
-    taken to be. By x half bandwidths it settles at G V/(1 + j x), and looks so much faster that tau is off by
-    about x^2."""
-    name, x = view.trial.log.name, 2 * np.pi * view.course.tau
-
-    def say(value: np.ndarray, _: np.ndarray) -> str:
-        return (
-            f"{name}: it was driven about {abs(value[0]):.2g} Hz off the resonance, and no frequency is"
-            f" recorded; add a"
-            " frequency_* column, or its value as metadata"
-        )
-
-    yield Term(
-        "off_resonance",
-        {i: view.along(np.full(len(view.plate), 2j * np.pi))[None].T},
-        say,
-        i,
-        squared=("tau", x**2),
-    )
-
-
-def _beating(i: int, view: LinearisedLog) -> Iterator[Term]:
-    """The same of an amplitude: it rises as |1 - exp(-(1 - j x) t/tau)|, a part of x^2 faster, and rings."""
-    name, c = view.trial.log.name, view.course
-    along = np.exp(1j * np.angle(c.forced))
-    said = f"{name}: it seems to be driven beside the resonance, and no frequency is recorded"
-    for x in RINGING:
-        beside = np.abs(c.at(np.full((len(c.hold.drive), 1), 1j * x / c.tau)).forced[:, 0])
-        shape = view.observed(((beside - np.abs(c.forced)) * along)[None])[0]
-        yield of_one(i, "off_resonance", shape, f"{said}; record wd, wq and the frequency")
 
 
 def _background(i: int, view: LinearisedLog) -> Iterator[Term]:
@@ -119,7 +83,7 @@ def _under_amplitude(i: int, view: LinearisedLog) -> Iterator[Term]:
     ]  # no phase turns at resonance
 
     def say(value: np.ndarray, _: np.ndarray) -> str:
-        share = 100 * float(np.hypot(*value)) / view.trial.scale
+        share = 100 * float(np.linalg.norm(value)) / view.trial.scale
         return (
             f"{view.trial.log.name}: an offset of d and q lies under its amplitude, of {share:.2g} % of the"
             f" response; record wd"
