@@ -47,21 +47,12 @@ def told(
     drawn = [
         traces(log, log.kind or "", y, y - left) for log, y, left in zip(first, responses, parts, strict=True)
     ]
-    errors = np.sqrt(batch.covariance[:, 0, 0])
     rows = []
     for k, p in enumerate(good):
         group, logs = plates[p]
         at = _temperature(logs)
         units = {"G": f"{logs[0].response_unit}/{logs[0].drive_unit}", **UNITS}
-        alarms, notes = ([x.told(True) for x in said[p] if x.rare is which] for which in (True, False))
-        late = _late(float(errors[p])) if batch.hung[0, p] else []
-        hint, doubt = seen.said[p], seen.doubts[p]
-        spanned = [] if hint is None else [_named(hint, logs, cells.logs)]
-        same = hint is not None and doubt is not None and (hint.key, hint.logs) == (doubt.key, doubt.logs)
-        doubts = [] if doubt is None or same else [_named(doubt, logs, cells.logs)]
-        hinted = [f["sentence"] for f in spanned]
-        findings = [*doubts, *late, *spanned]
-        assumed = _assumed(seen.assumed[p], {f["key"] for f in findings}, logs, cells.logs)
+        sentences = _sentences(batch, p, said[p], seen, logs, cells.logs)
         rows.append(
             blank(group, settings, BY_BATCH, read=logs)
             | {
@@ -74,14 +65,7 @@ def told(
                 "covariance": covariances[k],
                 "reference_temperature_degC": at,
                 "nrmse_percent": float(percents[k]),
-                "warnings": [*alarms, *(hinted if same else ()), *(f["sentence"] for f in (*doubts, *late))],
-                "findings": findings,
-                "notes": [
-                    *(batch.notes[p] if batch.notes else ()),
-                    *notes,
-                    *(() if same else hinted),
-                    *assumed,
-                ],
+                **sentences,
                 "traces": [
                     {"name": log.name, **each[k]}
                     for log, each in zip(logs[:TRACED], drawn[:TRACED], strict=True)
@@ -90,6 +74,32 @@ def told(
             }
         )
     return rows
+
+
+def _sentences(
+    batch: Batch,
+    p: int,
+    said: Sequence[Said],
+    seen: Screened,
+    logs: "Sequence[Log]",
+    first: "Sequence[Log]",
+) -> Row:
+    """What is warned of, found and noted of the p-th plate, by the names of its logs instead of those of the
+    `first` plate."""
+    alarms, notes = ([x.told(True) for x in said if x.rare is which] for which in (True, False))
+    late = _late(float(np.sqrt(batch.covariance[p, 0, 0]))) if batch.hung[0, p] else []
+    hint, doubt = seen.said[p], seen.doubts[p]
+    spanned = [] if hint is None else [_named(hint, logs, first)]
+    same = hint is not None and doubt is not None and (hint.key, hint.logs) == (doubt.key, doubt.logs)
+    doubts = [] if doubt is None or same else [_named(doubt, logs, first)]
+    hinted, findings = [f["sentence"] for f in spanned], [*doubts, *late, *spanned]
+    assumed = _assumed(seen.assumed[p], {f["key"] for f in findings}, logs, first)
+    spans = batch.notes[p] if batch.notes else ()
+    return {
+        "warnings": [*alarms, *(hinted if same else ()), *(f["sentence"] for f in (*doubts, *late))],
+        "findings": findings,
+        "notes": [*spans, *notes, *(() if same else hinted), *assumed],
+    }
 
 
 def _late(error: float) -> list[Row]:

@@ -202,11 +202,7 @@ class Minimiser:
             prepare(group(trials, self.reference)[0], theta, self._directions(theta))
 
     def refine(
-        self,
-        trials: tuple[Trial, ...],
-        theta: np.ndarray,
-        rounds: Rounds = NEW,
-        low_q: bool | None = None,
+        self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: Rounds = NEW, low_q: bool | None = None
     ) -> State:
         """The minimum near `theta`; where the fast mode's ripple may be seen the better of that with it and
         that without, as behind a lock-in that removes it, unless `low_q` says which."""
