@@ -196,7 +196,7 @@ def _together(question: FitProblem, found: Fit) -> Fit:
     differ, said = dispersion(found.modes[0], found.reference, found.names)
     differ = differ + question.dispersion
     looked = found.judged.looked.in_colour(found.modes[0], found.reference)
-    hints = looked.average()
+    hints = looked.average([n for n, p in found.parameters.items() if p.determined] or found.names)
     told, spanned, hinted = found, False, False
     for covariance, both in ((differ + hints.covariance, True), (differ, False)):
         if not np.any(covariance):

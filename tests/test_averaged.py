@@ -151,7 +151,7 @@ def test_what_an_error_cannot_span_is_told(bench, monkeypatch):
         "rows_lost", ("step",), "step: rows seem to be missing", 0.2, "tau", 90.0, 1.0, {"tau": 180.0}
     )
     wide = np.diag([0.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # of log tau: a factor of e
-    monkeypatch.setattr(misfit, "averaged", lambda fit, tried: Average(wide, hint))
+    monkeypatch.setattr(misfit, "averaged", lambda *_: Average(wide, hint))
     narrow = sysid.fit(bench.transient(seed=3))
     assert narrow.parameters["tau"] == fit.parameters["tau"]
     said = next(f for f in narrow.findings if f.key == "rows_lost")

@@ -39,18 +39,26 @@ def said(fit):
 )
 @seeds(3, 12)
 def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, seeds, offset, noise, rings):
-    """Without it G was up to 46 errors off, and a step's always as far as the offset goes."""
+    """Without it G was up to 46 errors off, and a step's always as far as the offset goes. A step alone may not tell
+    whether an offset in line with the response adds to it or takes from it: then it tells no G, and both are said."""
     z = []
     for seed in seeds:
         fit = sysid.fit([made(bench, seed, offset, noise, rings)])
-        assert fit.result is sysid.Result.successful and said(fit)
+        assert said(fit) and fit.parameters["tau"].determined
+        gain, true = fit.parameters["G"], bench.plant.G
+        if not gain.determined:
+            assert not rings and "adds to the response or takes from it" in gain.why
+            values = np.array([mode["value"] for mode in gain.modes])
+            assert np.ptp(values) > offset * true  # twice the offset, but for how they turn
+            assert np.min(np.abs(values - true)) < 0.2 * np.ptp(values)
+            continue
         z.append(
             [
                 (fit.parameters[n].value - getattr(bench.plant, n)) / fit.parameters[n].std
                 for n in ("G", "tau")
             ]
         )
-    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds))
+    assert 3 * len(z) >= len(seeds) and np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(z))
 
 
 @pytest.mark.parametrize("rings", [True, study(False)])
@@ -60,6 +68,21 @@ def test_an_amplitude_without_an_offset_gets_none(bench, rings):
     fits = [sysid.fit([made(bench, seed, 0.0, 3e-3, rings)]) for seed in range(8)]
     assert all(fit.result is sysid.Result.successful for fit in fits)
     assert sum(said(fit) for fit in fits) <= 1
+
+
+@seeds(4, 60)
+def test_a_ring_down_into_noise_has_none(seeds):
+    """Noise beside the response by fourteen rows of it was four times too small in one of ten logs, which then had an
+    offset. By chance three numbers are worth eight in one log of a thousand."""
+    time = 1.67e-3 / 20 * np.arange(160)
+    found = 0
+    for seed in seeds:
+        rows = np.abs(np.exp(-time / 1.67e-3) + reference.noise(len(time), 0.003, seed))
+        given = {"drive": 0 * time, "frequency": 0 * time + 32280.0, "kind": "transient"}
+        fit = sysid.fit([sysid.Log("decay", rows, time=time, **given)])
+        assert fit.parameters["tau"].determined
+        found += said(fit)
+    assert found <= len(seeds) // 60
 
 
 def test_the_offset_is_found_where_the_ring_down_shows_it(bench):

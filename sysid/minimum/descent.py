@@ -1,5 +1,6 @@
 """The way down to a minimum: Levenberg-Marquardt, then single Gauss-Newton steps between noise estimates."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -111,8 +112,19 @@ def levenberg_marquardt(
         size, gained = np.max(np.abs(step)), -best.sums.gradient @ step
         if looks == most or not size >= SHORTEST or (taken and gained < CLOSE) or not np.isfinite(size):
             break
-        now = _seen(groups, best.theta + directions @ step, directions, prior)
+        now = _seen(_nearer(groups, best.found), best.theta + directions @ step, directions, prior)
     return best
+
+
+def _nearer(groups: Groups, found: Sequence[Residual]) -> Groups:
+    """The groups with what transients' amplitudes began with, their lateness and offset as they were found:
+    these are looked for from where they were."""
+    return tuple(
+        (layout, x._replace(start=f.start, late=f.late, offset=f.offset))
+        if layout.amplitude and not (layout.steady or layout.own_gain)
+        else (layout, x)
+        for (layout, x), f in zip(groups, found, strict=True)
+    )
 
 
 @np.errstate(over="ignore", invalid="ignore")  # a step that leads there is not taken

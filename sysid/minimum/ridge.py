@@ -28,7 +28,9 @@ RISE = 2.0  # of the cost: two standard deviations
 NEAR, FAR = 0.02, 8.0  # half bandwidths between which the rise is looked for
 GAINED = 0.1  # of the cost: a minimum at the f0 of a state is the state if it gains no more
 WELL = 5.0  # of the cost: a ridge that rises less than this as far as FAR holds more of the posterior
-HALVINGS = 4  # of the interval in which the cost rises so far
+CLOSE = 0.1  # of the rise, to which it is found: the distance goes with its root or less, and is known to 5 %
+NARROW = 1.1  # a factor between two distances that are as good as one
+FURTHER, TINY = 8.0, 1e-9  # times as far is looked next; of the furthest, where nobody looks any more
 HELD = 1e-4  # half bandwidths to which f0 is held
 STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
 DEEP = 12.5  # rise of the cost at which a ridge ends: five standard deviations
@@ -133,15 +135,21 @@ def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list
     far = FAR * mode.half_bandwidth
     if _begun(mode) and (furthest := both(far))[0] < WELL:
         return far, furthest[1]
-    low, high = 0.0, NEAR / FAR * far
-    while (found := both(high))[0] < RISE:
-        if high == far:
-            return far, found[1]
-        low, high = high, min(2 * high, far)
-    for _ in range(HALVINGS):
-        between = both(0.5 * (low + high))
-        if between[0] < RISE:
-            low = 0.5 * (low + high)
-        else:
-            high, found = 0.5 * (low + high), between
-    return high, found[1]
+    low, below, high, above, off = 0.0, 0.0, far, np.inf, NEAR * mode.half_bandwidth
+    while True:
+        rise, thetas = both(off)
+        low, below, high, above = (off, rise, high, above) if rise < RISE else (low, below, off, rise)
+        if abs(rise - RISE) < CLOSE * RISE or high < NARROW * low or off == far or high < TINY * far:
+            return off, thetas
+        off = _between(low, below, high, above)
+
+
+def _between(low: float, below: float, high: float, above: float) -> float:
+    """Where a cost that rises as a power of the distance may have risen by RISE: between two distances at
+    which it has risen `below` and `above` that; or further out, where the latter is not known yet."""
+    if not np.isfinite(above):
+        return min(FURTHER * low, high)
+    if low == 0:
+        return high / FURTHER
+    share = np.log(RISE / below) / np.log(above / below) if below > 0 else 0.5
+    return float(low * (high / low) ** np.clip(share, 0.25, 0.75))  # no end stays for long

@@ -18,8 +18,8 @@ priors of feedthrough and lateness are narrower: `verdict.gain_confounding`). An
 
     w^2 = |G h + nu_1 e - nu_3 G h' + nu_4|^2 + nu_2,
 
-lifted as noise does it (`model.rice`), is linear in its nuisances only about their values: steps to these are
-taken at each plant. Where it is driven at its first row, h is the response that had settled by then, e the
+lifted as noise does it (`model.rice`), is linear in its nuisances only about their values: steps lead to the
+best at each plant. Where it is driven at its first row, h is the response that had settled by then, e the
 decay of that one, and nu_1, of prior 1, how much of it there is besides: no phase shows what else it began
 with. nu_4, an offset of d and q, is there where the log shows one (`verdict.amplitude_offset`). Of a sweep
 nu_2 is the noise's square, given as well as its scatter tells it: how the means rise with it is a column like
@@ -204,91 +204,120 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    now = (jnp.ones(()), x.start, x.late, x.floor, x.offset)
+    now: tuple[Array, ...] = (jnp.ones(()), x.start, x.late, x.floor, x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _off(_whiten(size, x), x)
         kept = (x.start, x.floor, x.late, x.offset, now[0])
         return Residual(rows, size, *kept, jnp.zeros(()), jnp.zeros(0)), now, lambda v: _off(v, x)
-    now = jax.lax.fori_loop(0, ROUNDS, lambda _, now: _stepped(now, shapes, x, layout), now)
+    now = _settled(now, shapes, x, layout)
     span, found = _about(now, shapes, x, layout)
-    size = _modelled(shapes, now, layout)
-    floor = jnp.where(x.floor_free > 0, found[2] / x.tightness, x.floor)
-    rows = _left(now, shapes, x, layout)
-    return (
-        Residual(rows, size, now[1], floor, now[2], now[4], now[0], span.volume, jnp.zeros(0)),
-        now,
-        span.off,
-    )
+    floor = jnp.where(x.floor_free > 0, found[-1] / x.tightness, x.floor)
+    rows, size = _left(now, shapes, x, layout), _modelled(shapes, now, layout)
+    kept = (now[1], floor, now[2], now[4], now[0])
+    return Residual(rows, size, *kept, span.volume, jnp.zeros(0)), now, span.off
 
 
-ROUNDS = 4  # of steps to the nuisances of an amplitude log
-LEAST = 0.1  # of its floor that a step leaves
-SHARES = (
-    0.0,
-    0.1,
-    0.3,
-    1.0,
-)  # of such a step, of which the best is taken: near resonance the whole is too long
+MOST = 30  # steps to the nuisances of an amplitude log
+LEAST = 0.1  # of its floor that the steps of one look leave
+GAIN = 1e-8  # of a sum of squares, less than which a step is not worth taking
+DAMPED = (1e-9, 1e-3, 1e9)  # of the information of each number: least, at first, and where a step is given up
 
 
-def _stepped(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Array, ...]:
-    """Nuisances of an amplitude log after a step of Gauss and Newton, as much of it as leaves least."""
-    _, found = _about(now, shapes, x, layout)
-    start = jnp.where(x.start_free > 0, found[0] + 1j * found[1], now[1])
-    late = found[3] if layout.late else now[2]
-    floor = jnp.where(x.floor_free > 0, jnp.maximum(found[2] / x.tightness, LEAST * now[3]), now[3])
-    offset = jnp.where(x.offset_free > 0, x.offset_free * (found[-2] + 1j * found[-1]), now[4])
+def _settled(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Array, ...]:
+    """Nuisances of an amplitude log at their optimum near `now`, by Marquardt's steps: the mean of Rice's
+    distribution is linear in them only nearby."""
+    start, offset, late = x.start_free > 0, x.offset_free > 0, [jnp.asarray(True)] * layout.late
+    free = jnp.stack([start, start, *late, offset, offset, x.floor_free > 0])
 
-    def part(share: Array) -> tuple[Array, ...]:
-        return now[0], *(
-            old + share * (new - old) for old, new in zip(now[1:], (start, late, floor, offset), strict=True)
+    def seen(now: tuple[Array, ...]) -> tuple[Array, Array, Array]:
+        left, columns = _left(now, shapes, x, layout), jnp.stack(_columns(now, shapes, x, layout))
+        along = columns @ x.basis.T
+        gram = columns @ columns.T - along @ along.T
+        return (
+            jnp.sum(left**2),
+            columns @ left,
+            jnp.where(free & free[:, None], gram, jnp.diag(jnp.diag(gram))),
         )
 
-    left = jax.vmap(lambda share: jnp.sum(_left(part(share), shapes, x, layout) ** 2))(jnp.array(SHARES))
-    return part(jnp.array(SHARES)[jnp.argmin(left)])
+    def going(state: tuple) -> Array:
+        rounds, damping, gained, _, (cost, *_) = state
+        return (rounds < MOST) & (gained > GAIN * cost) & (damping < DAMPED[2])
+
+    def step(state: tuple) -> tuple:
+        rounds, damping, _, values, (cost, slope, gram) = state
+        whole = jnp.linalg.solve(gram + jnp.diag(damping * jnp.diag(gram)), slope)
+        new = values + jnp.where(free, whole, 0.0)
+        new = new.at[-1].set(jnp.maximum(new[-1], LEAST * x.tightness * now[3]))
+        there = seen(_unpacked(new, now, x, layout))
+        better = there[0] < cost
+        kept = jax.tree.map(lambda a, b: jnp.where(better, a, b), (new, there), (values, (cost, slope, gram)))
+        gained = jnp.where(better, cost - there[0], jnp.where(free, whole, 0.0) @ slope)
+        return rounds + 1, jnp.maximum(damping * jnp.where(better, 0.1, 10.0), DAMPED[0]), gained, *kept
+
+    begun = (0, jnp.asarray(DAMPED[1]), jnp.asarray(jnp.inf), _packed(now, x, layout), seen(now))
+    return _unpacked(jax.lax.while_loop(going, step, begun)[3], now, x, layout)
+
+
+def _packed(now: tuple[Array, ...], x: Experiment, layout: Layout) -> Array:
+    """The nuisances of a transient's amplitude in units of their priors over their tightness."""
+    _, start, late, floor, offset = now
+    offset = offset / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
+    values = [start.real, start.imag, *[late] * layout.late, offset.real, offset.imag, x.tightness * floor]
+    return jnp.stack(values)
+
+
+def _unpacked(values: Array, now: tuple[Array, ...], x: Experiment, layout: Layout) -> tuple[Array, ...]:
+    """The nuisances by their `_packed` values, but for those that are held."""
+    start = jnp.where(x.start_free > 0, values[0] + 1j * values[1], now[1])
+    late = values[2] if layout.late else now[2]
+    offset = jnp.where(x.offset_free > 0, x.offset_free * (values[-3] + 1j * values[-2]), now[4])
+    floor = jnp.where(x.floor_free > 0, values[-1] / x.tightness, now[3])
+    return now[0], start, late, floor, offset
 
 
 def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> Array:
     """Whitened residual of a transient's amplitude, with a row for the prior of each nuisance."""
-    offset = now[4] / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
-    values = [
-        now[1].real,
-        now[1].imag,
-        x.floor_free * x.tightness * now[3],
-        *([now[2]] if layout.late else []),
-    ]
-    values = [*values, offset.real, offset.imag]
+    values = _packed(now, x, layout)
+    values = values.at[-1].multiply(x.floor_free)
     rows = _off(x.response - _whiten(_modelled(shapes, now, layout), x), x)
-    return rows.at[-len(values) :].add(-x.tightness * jnp.stack(values[::-1]))
+    return rows.at[-len(values) :].add(-x.tightness * values[::-1])
+
+
+def _columns(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> list[Array]:
+    """What a little more of each of the `_packed` nuisances adds to a transient's amplitude, whitened; of the
+    floor as if it were free."""
+    plate = _modelled(shapes, now[:3], layout) + now[4]
+    towards = rice.towards(plate, now[3])
+    along, held = towards * shapes.free, towards * x.offset_free
+    late = [(towards * shapes.rate).real] if layout.late else []
+    own = [along.real, -along.imag, *late, held.real, -held.imag, rice.by_floor(plate, now[3]) / x.tightness]
+    return [_whitened(c, i, x) for i, c in enumerate(own)]
 
 
 def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Span, Array]:
     """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they
     are at best."""
-    size = _modelled(shapes, now, layout)
-    plate = _modelled(shapes, now[:3], layout) + now[4]
-    towards = rice.towards(plate, now[3])
-    along = towards * shapes.free
-    scale = 1 / x.tightness
-    own = [along.real, -along.imag, rice.by_floor(plate, now[3]) * x.floor_free * scale]
-    values = [now[1].real, now[1].imag, now[3] / scale]
-    if layout.late:
-        own, values = [*own, (towards * shapes.rate).real], [*values, now[2]]
-    held, offset = towards * x.offset_free, now[4] / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
-    own, values = [*own, held.real, -held.imag], [*values, offset.real, offset.imag]
-    span = Span([_held(c, i, x) for i, c in enumerate(own)])
-    return span, span.weights(
-        x.response - _whiten(size - sum(value * c for value, c in zip(values, own, strict=True)), x)
-    )
+    columns = [_off(_off(c, x), x) for c in _columns(now, shapes, x, layout)]  # twice is enough
+    span = Span(columns)
+    # A floor that would be below zero is held there: it has its share of the volume, and makes nothing.
+    unit, made_of = span.units[-1]
+    span.units[-1] = x.floor_free * unit, made_of
+    free = _packed(now, x, layout).at[-1].multiply(x.floor_free)
+    return span, span.weights(_left(now, shapes, x, layout) + free @ jnp.stack(columns))
 
 
 def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
-    """A whitened column with the row of its prior, the last but `i`, off the columns that do not depend on
-    the plant. `turn`: by what the column is turned, and its prior with it."""
+    """A whitened column with the row of its prior, off the columns that do not depend on the plant."""
+    return _off(_off(_whitened(column, i, x, turn), x), x)  # twice is enough
+
+
+def _whitened(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
+    """A whitened column with the row of its prior, the last but `i`. `turn`: by what the column is turned,
+    and its prior with it."""
     prior = (jnp.arange(len(column)) == len(column) - 1 - i).astype(column.dtype)
     prior = prior if turn == 1.0 else turn * prior
-    return _off(_off(_whiten(column, x) + x.tightness * prior, x), x)  # twice is enough
+    return _whiten(column, x) + x.tightness * prior
 
 
 def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:

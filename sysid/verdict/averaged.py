@@ -30,7 +30,7 @@ from sysid.model.theta import NAMES
 from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.linear import PERHAPS, Linear, Scored, chances_of
 from sysid.verdict.linearised import LinearisedLog
-from sysid.verdict.term import Kind, Term
+from sysid.verdict.term import UNNAMED, Kind, Term
 
 DIRECT = ("G", "tau", "f0")  # of which it is told what is assumed: one log shows each of them
 HIDES = 2.0  # standard deviations of an effect, of which less is as likely not to be there
@@ -38,6 +38,7 @@ FARAWAY = 4.0  # standard deviations of a parameter, from which it is told what 
 SHOWS = 5.0  # standard deviations, by which logs would show an effect of a usual size
 WIDER = 1.5  # times an error, from which it is said what it spans
 MOST = 100.0  # of log evidence: more is as certain
+UNUSUAL = "something that looks like {}, of a size that it seldom has"
 SPANS = "the error of {} spans it, and is {:.2g} times what it is without"
 OMITS = (
     "the error of {} does not include it, as tau or G would then not be determined; another log would tell"
@@ -208,8 +209,8 @@ class Together(NamedTuple):
         return odds / (1 + odds.sum(axis=0))
 
 
-def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
-    """Over the effects `tried` beside a fit, linearised."""
+def averaged(fit: Linear, tried: Sequence[Term], told: Sequence[str] = NAMES) -> Average:
+    """Over the effects `tried` beside a fit, linearised; said is what they do to the parameters `told`."""
     scored = zip(tried, fit.scored(tried), chances_of(tried), strict=True)
     some = [(Allowed(t, s), chance) for t, s, chance in scored if s is not None and spanned(t)]
     if not some:
@@ -227,7 +228,7 @@ def averaged(fit: Linear, tried: Sequence[Term]) -> Average:
     spans = together.added((k, p), shifts, whole, np.ones_like(whole))
     added[np.ix_(index, index)] = np.tensordot(share[k, p], spans, 1)
     those = [(each[j], numbers[j], float(share[j, 0])) for j in k]
-    return Average(added, widest(those, fit.names, fit.views))
+    return Average(added, widest(those, fit.names, fit.views, told))
 
 
 class Hidden(NamedTuple):
@@ -290,15 +291,19 @@ def assumed(
 
 
 def widest(
-    some: Sequence[tuple[Allowed, np.ndarray, float]], names: Sequence[str], views: Sequence[LinearisedLog]
+    some: Sequence[tuple[Allowed, np.ndarray, float]],
+    names: Sequence[str],
+    views: Sequence[LinearisedLog],
+    told: Sequence[str] = NAMES,
 ) -> Hint | None:
-    """The effect that adds most to the error that grows most, of `some` with their numbers and how likely
-    they are; None where the error grows little."""
-    grown = np.array([p * np.diag(x.spans(x.scored.moves, n)) for x, n, p in some])
+    """The effect that adds most to the error that grows most of those of the parameters `told`, of `some`
+    with their numbers and how likely they are; None where the error grows little."""
+    grown = np.array([p * np.diag(x.spans(x.scored.moves, n)) for x, n, p in some]) * np.isin(names, told)
     k = int(np.argmax(grown.sum(axis=0)))
     wider, (x, numbers, share) = float(np.sqrt(1 + grown[:, k].sum())), some[int(np.argmax(grown[:, k]))]
-    if wider < WIDER or not (what := x.say(numbers)):
+    if wider < WIDER or (what := x.say(numbers)) is None:
         return None
-    moves = dict(zip(names, (x.scored.moves @ x.mean(numbers)).tolist(), strict=True))
     logs = () if x.term.log is None else (views[x.term.log].trial.log.name,)
+    what = ": ".join((*logs, UNUSUAL.format(x.term.name.replace("_", " ")))) if what == UNNAMED else what
+    moves = dict(zip(names, (x.scored.moves @ x.mean(numbers)).tolist(), strict=True))
     return Hint(x.term.name, logs, what, share, names[k], wider, float(x.evidence(numbers)), moves)

@@ -32,6 +32,7 @@ def parameter(
     if known:
         if name in fit.lone:
             return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
+        std = max(std, _over_modes(fit, name))
         ci95 = ci95 or (value - NORMAL95 * std, value + NORMAL95 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
     state = fit.modes[0]
@@ -123,11 +124,19 @@ def _modes(fit: Fit, name: str) -> tuple[dict, ...]:
     them."""
     if name not in fit.names or len(fit.modes) == 1:
         return ()
-    found = _mode_values(fit, name)
-    if np.ptp([value for value, _ in found]) <= 2 * found[0][1]:
+    found, weights = _mode_values(fit, name), shares(fit.modes)
+    values, errors = np.transpose(found)
+    if np.ptp(values) <= 2 * max(errors[0], float(np.sqrt(weights @ errors**2))):
         return ()
-    weights = shares(fit.modes)
     return tuple(
         {"value": value, "std": std, "weight": float(w)}
         for (value, std), w in zip(found, weights, strict=True)
     )
+
+
+def _over_modes(fit: Fit, name: str) -> float:
+    """Standard deviation over all minima, about the value of the best."""
+    if name not in fit.names or len(fit.modes) == 1:
+        return 0.0
+    values, errors = np.transpose(_mode_values(fit, name))
+    return float(np.sqrt(shares(fit.modes) @ (errors**2 + (values - values[0]) ** 2)))

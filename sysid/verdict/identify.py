@@ -56,7 +56,7 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
     if said := hopeless(trials, free):
         return said
     if modes > 1:
-        return _why_modes(trials)
+        return _why_modes(name, trials)
     if name in ("tau", "f0") and "k_T" in free and any(_drifts_along(t) for t in trials):
         return (
             "cannot tell, because the temperature drifted along with the frequency, which k_T and the width"
@@ -183,7 +183,13 @@ def _drifts_along(trial: Trial) -> bool:
     return bool(abs(np.corrcoef(log.frequency, log.temperature)[0, 1]) > 0.9)
 
 
-def _why_modes(trials: Sequence[Trial]) -> str:
+def _why_modes(name: str, trials: Sequence[Trial]) -> str:
+    if name in ("G", "tau") and any(t.bench.standing for t in trials):
+        return (
+            "cannot tell, because the amplitude does not say whether the offset under it adds to the response"
+            " or takes from it, and two solutions fit alike; record wd and wq, or how it rings down once the"
+            " drive is off"
+        )
     if all(t.log.amplitude_only for t in trials if t.resonant):
         return (
             "cannot tell, because the amplitude alone does not say on which side of the drive the resonance"

@@ -60,9 +60,10 @@ class Misfits(NamedTuple):
         views = LinearisedLog.each(state, reference, coloured=True)
         return self._replace(fit=Linear(views, state, self.fit.names, self.fit.away))
 
-    def average(self) -> Average:
-        """What the terms that are not found add to the errors of their minimum."""
-        return Average.none() if self.fit is None else averaged(self.fit, self.tried)
+    def average(self, told: Sequence[str] = NAMES) -> Average:
+        """What the terms that are not found add to the errors of their minimum; said is what they do to the
+        parameters `told`."""
+        return Average.none() if self.fit is None else averaged(self.fit, self.tried, told)
 
     def assumed(self) -> list[Assumed]:
         """What is taken not to be there, as the logs would not show it."""
