@@ -21,11 +21,12 @@ from sysid.fleet.near import FREE, Near, Trying, products_of, size_of
 from sysid.fleet.tests import Tests
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
-from sysid.verdict.averaged import FARAWAY, WIDER, Allowed, Hidden, Together, assumed, largest, widest
+from sysid.verdict.averaged import FARAWAY, WIDER, Allowed, Hidden, Together, largest, widest
 from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.linear import ENOUGH, PERHAPS, Found
 from sysid.verdict.linearised import LinearisedLog
+from sysid.verdict.term import Kind
 
 
 class Placed(NamedTuple):
@@ -169,22 +170,49 @@ class Template:
         move parameters, whose errors are `std` (P, 3), far."""
         some, size, power = self._hidden, 1 / at.size[:, self._hidden.at], at.power[:, self._hidden.logs]
         numbers = largest(some.usual / some.louder(at))
-        moved = np.einsum("pn,niq->piq", at.share, some.moves) * (size * numbers)[:, None]
+        moved = np.tensordot(at.share, some.moves, 1) * (size * numbers)[:, None]
         moved = np.sqrt(np.add.reduceat(moved**2, some.begins, axis=2)) / at.wider[:, :, None]
-        coefficients, far = numbers * size * np.sqrt(power), np.max(moved, axis=1) > FARAWAY
-        far = far & self._here(at.phases)[:, some.tests]
-        errors, logs = std * at.wider, [v.trial.log.name for v in self.views]
-        found = []
-        for p in range(len(std)):
-            each = [
-                Hidden(x.term, x.scored.values @ some.own(coefficients[p], k), moved[p, :, k])
-                for k in np.flatnonzero(far[p]).tolist()
-                for x in [self.tried[some.tests[k]]]
-            ]
-            quiet = 1 / np.sqrt(at.power[p, 0]) / at.wider[p]  # in which as much is more of an error
-            each += [x._replace(moved=x.moved * quiet) for x in self.terms.whole]
-            found.append(assumed(each, FREE, errors[p], logs))
+        moved = moved * self._here(at.phases)[:, None, some.tests]
+        quiet = 1 / np.sqrt(at.power[:, :1]) / at.wider  # in which as much is more of an error
+        whole = np.reshape([x.moved for x in self.terms.whole], (-1, len(FREE))).T
+        moved, errors = np.concatenate([moved, quiet[:, :, None] * whole], axis=2), std * at.wider
+        coefficients, found = rounded(numbers * size * np.sqrt(power)), [list[Assumed]() for _ in std]
+        for places in self._alike.values():
+            most = np.max(moved[:, :, places], axis=1)
+            best = np.argmax(most, axis=1)
+            for p in np.flatnonzero(most[np.arange(len(best)), best] > FARAWAY).tolist():
+                k = places[best[p]]
+                far = zip(FREE, moved[p, :, k].tolist(), errors[p].tolist(), strict=True)
+                moves = {name: x * error for name, x, error in far if x > FARAWAY}
+                own = some.own(coefficients[p], k) if k < len(some.tests) else coefficients[p, :0]
+                found[p].append(replace(self._unseen(k, tuple(own.tolist())), moves=moves))
         return found
+
+    @cached_property
+    def _alike(self) -> dict[Kind, list[int]]:
+        """Of each kind the places among what may be hidden: of its tests, and of what these hide whole."""
+        kinds: dict[Kind, list[int]] = {}
+        terms = [self.tried[k].term for k in self._hidden.tests] + [x.term for x in self.terms.whole]
+        for k, term in enumerate(terms):
+            kinds.setdefault(term.kind, []).append(k)
+        return kinds
+
+    def _unseen(self, k: int, own: tuple[float, ...]) -> Assumed:
+        """What is assumed not to be there at one of these places, by its coefficients; not what it moves."""
+        if (k, own) not in self._told:
+            tests, logs = self._hidden.tests, [v.trial.log.name for v in self.views]
+            if k < len(tests):
+                x = self.tried[tests[k]]
+                hidden = Hidden(x.term, x.scored.values @ np.array(own), np.zeros(0))
+            else:
+                hidden = self.terms.whole[k - len(tests)]
+            self._told[k, own] = hidden.told(logs, {})
+        return self._told[k, own]
+
+    @cached_property
+    def _told(self) -> dict[tuple[int, tuple[float, ...]], Assumed]:
+        """Of places and coefficients what was told of them before: plates of a lot are nearly alike."""
+        return {}
 
     def _one(self, k: int, share: np.ndarray, power: np.ndarray) -> Allowed:
         """The k-th effect that errors span, in the noise of a plate."""
@@ -278,6 +306,12 @@ class _Spanned(NamedTuple):
     some: _Some
     each: Together
     moves: np.ndarray
+
+
+def rounded(numbers: np.ndarray) -> np.ndarray:
+    """To two digits, as they are told."""
+    digit = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(numbers), np.finfo(float).tiny))) - 1)
+    return np.rint(numbers / digit) * digit
 
 
 @on_rows()
