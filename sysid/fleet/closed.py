@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.fleet.arrays import Rows, on_rows, put, there
+from sysid.fleet.arrays import Rows, on_rows, one, put, there
 from sysid.model.plant import poles, steady
 
 LOOSE = 10.0  # times the largest response: the prior of what the bench adds, as `Trial.looseness` has it
@@ -201,6 +201,13 @@ def made(block: Block, coefficients: np.ndarray) -> np.ndarray:
 def column(block: Block, k: int) -> np.ndarray:
     """(P, n) the k-th of a log's columns."""
     return made(block, np.tile(np.eye(block.bench.stop + 1, dtype=complex)[k], (len(block.drive), 1)))
+
+
+def column_of(block: Block, k: int, p: int) -> np.ndarray:
+    """(n,) the same of the p-th plate alone."""
+    rows, unit = np.asarray(one(block.basis, p)), np.eye(block.bench.stop + 1, dtype=complex)[k]
+    each = zip(block.parts, block.mixes, strict=True)
+    return np.concatenate([(unit if mix is None else mix[p] @ unit) @ rows[:, part] for part, mix in each])
 
 
 @on_rows("begin", "end", "moving")

@@ -17,7 +17,7 @@ from sysid.fleet import nodes
 from sysid.fleet.arrays import Rows, on_rows, there
 from sysid.fleet.batch import Batch, Reduced, both
 from sysid.fleet.cells import Cells
-from sysid.fleet.closed import Block, Step, column, made
+from sysid.fleet.closed import Block, Step, column, column_of, made
 from sysid.fleet.delayed import shares
 from sysid.fleet.near import FREE, PHASES
 from sysid.fleet.nodes import AXES
@@ -120,12 +120,11 @@ def _confirmed(kind: str, block: Block, p: int, left: np.ndarray) -> bool:
     if kind == APART:
         return apart(left, np.ones(len(left))) != 1
     if kind == SHARE:
-        size = np.abs(column(block, 0)[p, order]) / block.scale[p]
+        size = np.abs(column_of(block, 0, p)[order]) / block.scale[p]
         return proportional(left[order], size, np.ones(len(left)), False) > 0
     if kind == STAMPS and isinstance(block, Step):
         told = block.first + BEGINS - 1
-        rate = column(block, 3)[p, told:]
-        return scatter_of_stamps(left[told:], rate, block.spacing) > 0
+        return scatter_of_stamps(left[told:], column_of(block, 3, p)[told:], block.spacing) > 0
     return True
 
 
