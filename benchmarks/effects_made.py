@@ -8,7 +8,7 @@
 import cmath
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from effects_plate import (
@@ -60,6 +60,16 @@ def sweep_only(shown):
 
 
 ALL, TIMED, DRIVEN = ("step", "sweep", "pair"), ("step", "pair"), ("levels", "levels, no frequency")
+
+
+def apart(bench, size):
+    """Driven by so many half bandwidths above its resonance."""
+    return replace(bench, f=F0 + size * HALF + np.zeros(len(bench.time)))
+
+
+def unstated(log, size):
+    """Without its frequency, as an oscilloscope has it."""
+    return replace(log, frequency=None, temperature=None)
 
 
 @dataclass(frozen=True)
@@ -215,6 +225,10 @@ KINDS = {
         (0.05, 0.6), ("stretch",), ALL, sweep_only(lambda b, s: rows(b) * while_(b, 1 - s))
     ),
     "drive fails": Kind((0.1, 1.0), ("stretch",), ALL, sweep_only(failing)),
+    "off resonance": Kind((0.5, 3.0), ("off_resonance",), ("step", "burst"), recorder=unstated, driven=apart),
+    "off resonance, amplitudes": Kind(
+        (0.5, 3.0), ("off_resonance",), ("step", "burst"), recorder=unstated, driven=apart, amplitude=True
+    ),
     "nothing": Kind((0.0,), (), tuple(BENCHES)),
     "softening": Kind(
         (2.0, 30.0), ("duffing",), ALL, lambda b, s: rows(b, Law(shift=lambda w: -4 * s * w**2))

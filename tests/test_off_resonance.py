@@ -38,7 +38,8 @@ def scores(fit, x):
 
 
 @pytest.mark.parametrize(
-    ("x", "amplitude"), [(0.5, True), (1.9, True), study(5.0, True), (-0.5, False), study(1.9, False)]
+    ("x", "amplitude"),
+    [study(0.25, True), (0.5, True), (1.9, True), study(5.0, True), (-0.5, False), study(1.9, False)],
 )
 @seeds(2, 12)
 def test_it_is_fitted(seeds, x, amplitude, among):
@@ -54,6 +55,16 @@ def test_it_is_fitted(seeds, x, amplitude, among):
             tau = fit.parameters["tau"]
             assert abs(tau.value - TAU) < 4 * tau.std and not fit.parameters["G"].determined
     assert len(z) >= (0.75 if amplitude else 1) * len(seeds)
+    assert np.sqrt(np.mean(np.square(z))) < most(3 * z)
+
+
+@seeds(2, 12)
+def test_amplitudes_in_noise_too(seeds, among):
+    """What the plant alone makes of them wants a floor below zero, and left all of them without one."""
+    z = []
+    for seed in seeds:
+        fit = sysid.fit(transient(1.9, seed, True, noise=0.03), nuisances=among("off_resonance"))
+        z.append(scores(fit, 1.9))
     assert np.sqrt(np.mean(np.square(z))) < most(3 * z)
 
 

@@ -7,6 +7,7 @@ Of |A + n|, n normal of standard deviation s in d and in q, and u = A^2/s^2,
 (Rice, Bell Syst. Tech. J. 24, 46, 1945). `plate` (n,) is the response, complex, `floor` s^2.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -54,33 +55,49 @@ def _lifted(u: Any) -> tuple[Any, Any]:
 
 
 FEW = 8  # rows at rest, of which nothing is told
+# times the mean at rest, less than which rows after the drive rest as well; of FEW it scatters by a fifth
+ALIKE = 1.5
 QUIET = 0.2  # of the largest response, no more than which rows at rest show
+# variance, times rows, of the logarithm of the noise's square by the median of second differences: in 20 000
+# logs of 12 to 400 normal rows 8.3 to 7.9; that of the mean of exponential numbers is 1
+MEDIAN = 8.0
 ENOUGH = 1000  # rows, of which the law of their noise is told
 
 
 def rectified(log: Log) -> bool:
     """Whether a response of one sign is an amplitude: its rows at rest, before the first drive or last after
     it, are likelier by Rayleigh's law, of noise that has lost its sign, than normal about an offset. The
-    noise is that of the other rows, by their second differences. Without a drive, whether what dies away
-    is."""
+    noise is that of rest and of the other rows, by their second differences. Without a drive, whether what
+    dies away is."""
     w, drive = log.response, log.drive
     if np.iscomplexobj(w) or log.time is None or np.any(w < 0):
         return False
     if drive is None or not np.any(drive):
         return _dies_into_rice(log.time - log.time[0], w)
     driven = np.flatnonzero(drive)
-    rest, rows = w[: driven[0]], w[driven[0] + 1 : driven[-1] + 1]
+    rest, rows, after = w[: driven[0]], w[driven[0] + 1 : driven[-1] + 1], w[driven[-1] + 1 :]
+    after = after[3 * len(after) // 4 :]
     if len(rest) < FEW:
-        after = w[driven[-1] + 1 :]
-        rest = after[3 * len(after) // 4 :]
+        rest = after
+    elif len(after) >= FEW and np.mean(after) < ALIKE * np.mean(rest):
+        rest = np.append(rest, after)
     if min(len(rest), len(rows) - 2) < FEW or np.mean(rest) > QUIET * np.max(w):
         return False
     noise = variance(rows)
     if noise == 0 or np.any(rest == 0):
         return False
-    rayleigh = np.log(rest / noise) - rest**2 / (2 * noise)
-    normal = -0.5 * np.log(2 * np.pi * noise) - (rest - np.mean(rest)) ** 2 / (2 * noise)
-    return bool(np.sum(rayleigh - normal) > 0)
+    n, known = len(rest), len(rows) / MEDIAN
+
+    def worth(law: Callable[[float], np.ndarray], square: float, told: float) -> float:
+        """The log-likelihood of rest and of the noise beside the drive, with the noise that both tell: by
+        rest, its `square`, as well as `told` exponential numbers do."""
+        both = float(np.exp((known * np.log(noise) + told * np.log(square)) / (known + told)))
+        return float(np.sum(law(both)) - 0.5 * known * np.log(noise / both) ** 2)
+
+    rayleigh = worth(lambda s: np.log(rest / s) - rest**2 / (2 * s), float(np.mean(rest**2)) / 2, n)
+    off = (rest - np.mean(rest)) ** 2
+    normal = worth(lambda s: -0.5 * np.log(2 * np.pi * s) - off / (2 * s), float(np.mean(off)), n / 2)
+    return rayleigh > normal
 
 
 def variance(rows: np.ndarray) -> float:

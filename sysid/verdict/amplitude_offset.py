@@ -36,9 +36,6 @@ SOME = 2.0  # in a log that had an offset before, of the response's own directio
 MOVES = 3.0  # standard deviations of G or tau
 LARGE = 3.0  # times what is read at rest: a response so large has noise that is nearly normal
 STILL = 0.1  # of the last rows, less than which is left of a response that rings down
-# variance, times rows, of the logarithm of the noise's square by the median of second differences (in 20 000
-# logs of 12 to 400 normal rows 8.3 to 7.9); at rest the square is exponential: that of its mean's is 1
-MEDIAN = 8.0
 TINY = float(np.finfo(float).tiny)
 TURNS = np.exp(0.5j * np.pi * np.arange(4))  # of an offset, from where its direction is looked for
 ROUNDS = Rounds(4)  # of each of them
@@ -105,7 +102,7 @@ def _at_rest(trial: Trial, tau: float) -> _Rest | None:
     if len(rest) < FEW:
         return None
     power = float(np.mean(rest**2))
-    error = float(np.sqrt(1 / len(rest) + MEDIAN / len(beside)))
+    error = float(np.sqrt(1 / len(rest) + rice.MEDIAN / len(beside)))
     more = max(power - 2 * noise, 0.0) + 2 * noise * error
     return _Rest(float(np.sqrt(more)), float(np.log(power / (2 * noise))) / error, float(np.sqrt(noise)))
 
