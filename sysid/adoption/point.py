@@ -103,10 +103,10 @@ class Points:
         state near by."""
         some, read = range(len(self.trials)) if some is None else some, list(self.trials)
         for i in some:
-            # a floor that a plate without them made up for by being below zero is theirs to find anew
-            noise, bench = near.trials[i].noise.std, near.trials[i].bench
-            floor = bench.floor if bench.floor_free else noise**2
-            read[i] = read[i].with_bench(fed=bench.fed, floor=floor, floor_free=True)
+            read[i] = read[i].with_bench(fed=near.trials[i].bench.fed)
+            # a floor that a plate without them wanted below zero is theirs to find anew
+            if not (read[i].floor_held or read[i].bench.floor_free):
+                read[i] = read[i].with_bench(floor=near.trials[i].noise.std ** 2, floor_free=True)
         for instance, part in zip(instances, self.parts(instances), strict=True):
             for i in (i for i in instance.where if i in some):
                 read[i] = instance.effect.applied(
