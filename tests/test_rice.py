@@ -73,6 +73,14 @@ def test_rows_at_rest_tell_an_amplitude_from_a_signed_output(offset):
     assert called >= 196 if not offset else called <= 4  # two in a hundred
 
 
+def test_rows_that_rest_at_one_value_are_on_an_offset():
+    """As a recorder in coarse steps has them."""
+    rows, drive = (np.repeat(each, [20, 100, 140]) for each in ([0.05, 1.0, 0.05], [0.0, 100.0, 0.0]))
+    rows[20:120] += 0.01 * np.random.default_rng(0).standard_normal(100)
+    given = {"drive": drive, "kind": "transient", "sampling": "instant"}
+    assert not rice.rectified(sysid.Log("burst", rows, time=1e-4 * np.arange(260), **given))
+
+
 def test_an_acceleration_taken_for_a_displacement_is_named():
     """Its amplitude w^2/|w0^2 - w^2 + 2j w/tau| is that of a displacement and a feedthrough of 1/Q of the peak
     (closed form)."""

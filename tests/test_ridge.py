@@ -8,6 +8,7 @@ from scipy.stats import binom
 
 import sysid
 from sysid import Result
+from sysid.minimum import ridge
 
 TAU = 1.67e-3
 PLANT = reference.Plant(0.01, TAU, 32290.0, 0.0)
@@ -24,6 +25,30 @@ def log(seed, detuning=0.0):
     return sysid.Log(
         "step", np.abs(clean + reference.noise(200, 0.01, seed)), time=time, drive=drive, frequency=frequency
     )
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0, 4.0])
+@pytest.mark.parametrize("at", [1e-4, 0.02, 0.7, 5.0])
+def test_where_a_cost_has_risen(power, at):
+    looked = []
+    off, _ = ridge._risen(lambda x: (looked.append(x) or ridge.RISE * (x / at) ** power, []), 0.02, 8.0)
+    assert off == pytest.approx(at, rel=0.11) and len(looked) < 12  # a tenth of the rise, or a factor of 1.1
+
+
+@pytest.mark.parametrize(
+    ("cost", "ends"),
+    [
+        (lambda x: 0.5, 8.0),
+        (lambda x: 0.0 if x < 0.5 else np.inf, 0.5),
+        (lambda x: np.nan if x > 0.5 else 0.1, 0.5),
+        (lambda x: -1.0 if x < 0.5 else 1e9, 0.5),
+        (lambda x: np.inf, 0.0),
+        (lambda x: np.nan, 0.0),
+    ],
+)
+def test_a_cost_that_jumps_ends_the_search(cost, ends):
+    off, _ = ridge._risen(lambda x: (cost(x), []), 0.02, 8.0)
+    assert off == pytest.approx(ends, rel=0.11, abs=1e-7)
 
 
 @pytest.fixture(scope="module", params=tiers(range(12), range(40)))

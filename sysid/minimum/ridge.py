@@ -8,7 +8,7 @@ information on the other parameters. So the ridge is followed: everything else i
 several places, until the cost has risen by DEEP. Each place gives one normal of a mixture.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -135,21 +135,31 @@ def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list
     far = FAR * mode.half_bandwidth
     if _begun(mode) and (furthest := both(far))[0] < WELL:
         return far, furthest[1]
-    low, below, high, above, off = 0.0, 0.0, far, np.inf, NEAR * mode.half_bandwidth
+    return _risen(both, NEAR * mode.half_bandwidth, far)
+
+
+def _risen(
+    cost: Callable[[float], tuple[float, list[np.ndarray]]], off: float, far: float
+) -> tuple[float, list[np.ndarray]]:
+    """The distance at which a `cost` has risen by RISE, at most `far`, looked for from `off` on; and what
+    else it has there."""
+    low, below, high, above = 0.0, 0.0, far, None
     while True:
-        rise, thetas = both(off)
+        rise, thetas = cost(off)
         low, below, high, above = (off, rise, high, above) if rise < RISE else (low, below, off, rise)
-        if abs(rise - RISE) < CLOSE * RISE or high < NARROW * low or off == far or high < TINY * far:
+        if abs(rise - RISE) < CLOSE * RISE or high < NARROW * low or high < TINY * far:
             return off, thetas
         off = _between(low, below, high, above)
 
 
-def _between(low: float, below: float, high: float, above: float) -> float:
+def _between(low: float, below: float, high: float, above: float | None) -> float:
     """Where a cost that rises as a power of the distance may have risen by RISE: between two distances at
-    which it has risen `below` and `above` that; or further out, where the latter is not known yet."""
-    if not np.isfinite(above):
-        return min(FURTHER * low, high)
+    which it has risen `below` and `above` that, further out where the latter is not known yet, and nearer
+    where no distance below is; halfway where a cost is no number to go by."""
     if low == 0:
         return high / FURTHER
-    share = np.log(RISE / below) / np.log(above / below) if below > 0 else 0.5
+    if above is None:
+        return min(FURTHER * low, high)
+    numbers = below > 0 and np.isfinite(above)
+    share = np.log(RISE / below) / np.log(above / below) if numbers else 0.5
     return float(low * (high / low) ** np.clip(share, 0.25, 0.75))  # no end stays for long

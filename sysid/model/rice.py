@@ -84,7 +84,7 @@ def rectified(log: Log) -> bool:
     if min(len(rest), len(rows) - 2) < FEW or np.mean(rest) > QUIET * np.max(w):
         return False
     noise = variance(rows)
-    if noise == 0 or np.any(rest == 0):
+    if noise == 0 or np.any(rest == 0) or np.ptp(rest) == 0:
         return False
     n, known = len(rest), len(rows) / MEDIAN
 

@@ -25,6 +25,7 @@ def parameter(
     fit: Fit, name: str, value: float, std: float, ci95: tuple[float, float] | None = None
 ) -> Parameter:
     """The estimate of one parameter, or why there is none."""
+    std = max(std, _over_modes(fit, name)) if ci95 is None else std  # draws are of all minima
     known, flank = informed(fit, name, value, std), fit.flank
     if flank is not None and (flank.undetermined if known else _for_its_peak(fit, name)):
         why = f"cannot tell, because {flank.said(known)}"
@@ -32,7 +33,6 @@ def parameter(
     if known:
         if name in fit.lone:
             return Parameter(None, None, None, fit.units[name], False, fit.lone[name])
-        std = max(std, _over_modes(fit, name))
         ci95 = ci95 or (value - NORMAL95 * std, value + NORMAL95 * std)
         return Parameter(value, std, ci95, fit.units[name], True)
     state = fit.modes[0]
