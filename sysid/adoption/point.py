@@ -136,11 +136,11 @@ class Points:
             each.append(small if x.effect.steps is None else x.effect.steps(trial, self.about))
         return np.concatenate(each) if each else np.zeros(0)
 
-    def onward(self, point: Point, step: np.ndarray) -> Point:
+    def onward(self, point: Point, step: np.ndarray, rounds: Rounds = LEVEL) -> Point:
         """The point after a step of the numbers, looked for where the plant is foreseen."""
         look, near = self.looked(point), point.state
         theta = self.minimiser.onward(near.theta, look.rest + look.along @ step)
-        return self.at(point.instances, point.numbers + step, near, theta=theta)
+        return self.at(point.instances, point.numbers + step, near, rounds, theta)
 
     def refined(
         self,
@@ -252,7 +252,7 @@ class Points:
         rest, index = np.zeros(len(NAMES)), [NAMES.index(n) for n in self.names]
         by[index], rest[index] = linear.inverse @ cross, linear.inverse @ linear.slope
         score = score - cross.T @ rest[index]
-        gain = 0.5 * float(score @ covariance @ score)
+        gain = 0.5 * float(score @ covariance @ score + linear.slope @ rest[index])
         each = [_sloped(x.effect, len(self.known(x))) for x in instances]
         sloped = np.concatenate(each) if each else np.zeros(0)
         return Looked(sloped * (covariance @ score), covariance, by @ covariance @ by.T, gain, rest, -by)

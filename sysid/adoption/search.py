@@ -25,8 +25,9 @@ FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
 STEPS = 15
 HOPS = 8  # of numbers that a log follows in steps: most need two
-# what is compared, at a start: d and q are linear in what the bench adds, and most take four steps
-ROUGH = Rounds(1, steps=8, white=True)
+# what is compared on the way, where steps of plant and numbers together lead on: what is seen where the plant
+# is foreseen, or near by
+GLANCE, ROUGH = Rounds(1, steps=0, white=True), Rounds(1, steps=2, white=True)
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 LONG = 512  # rows, which tell the colour of a log's noise well enough
@@ -53,7 +54,7 @@ class Search:
         followed = []
         for group in _likely([p.instances[known:] for p in starts]):
             own = [p for p in starts if p.instances[known:] == group][:CLOSER]
-            followed += self.distinct([self.followed(p, FIRST) for p in own], np.inf)
+            followed += self.distinct([self.followed(p, FIRST, ROUGH) for p in own], np.inf)
         followed = [p for p in followed if self.plausible(p)] or followed
         followed.sort(key=lambda p: p.cost)
         within = followed[0].cost + WITHIN if followed else np.inf
@@ -107,8 +108,9 @@ class Search:
         stds, covariance = self.points.stds(point.instances), self.points.looked(point).covariance
         return 0.5 * float(np.linalg.slogdet(covariance / np.outer(stds, stds))[1])
 
-    def followed(self, point: Point, most: int) -> Point:
-        """Where `most` steps from a point, or fewer, lead."""
+    def followed(self, point: Point, most: int, rounds: Rounds = LEVEL) -> Point:
+        """Where `most` steps of plant and numbers together from a point, or fewer, lead; the plate then at
+        its own minimum, or on the way to it."""
         for _ in range(most):
             better = self.better(point)
             if better is None:
@@ -116,15 +118,16 @@ class Search:
             gained, point = point.cost - better.cost, better
             if gained < NEAR**2:
                 break
-        return point
+        return self.points.at(point.instances, point.numbers, point.state, rounds)
 
     def stepped(self, point: Point) -> Point | None:
-        """A step from a point, as far as it leads to a better one; None where it does not, or is none."""
+        """A step of plant and numbers from a point, as far as it leads to a better one, or would with a plant
+        that is looked for; None where it does not, or is none."""
         look = self.points.looked(point)
         if _ends(look.step, look.covariance):
             return None
         step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.points.stds(point.instances))))
-        there = (self.points.onward(point, share * step) for share in SHARES)
+        there = (self.points.onward(point, share * step, r) for share in SHARES for r in (GLANCE, ROUGH))
         return next((p for p in there if p.cost < point.cost), None)
 
     def beyond_rows(self, point: Point) -> Point:
