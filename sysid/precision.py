@@ -61,16 +61,16 @@ def _options(seldom: bool, largest: int) -> dict[str, Any]:
     return {
         "xla_cpu_use_fusion_emitters": False,
         "xla_cpu_parallel_codegen_split_count": min(os.cpu_count() or 1, 32),
-        "xla_backend_optimization_level": 0 if seldom and not large else 1,
+        "xla_backend_optimization_level": 0 if seldom and largest < SLOW else 1,
         "xla_disable_hlo_passes": "cse_barrier_expander"
         if large
         else "cse_barrier_expander,tree_reduction_rewriter",
     }
 
 
-LARGE = (
-    1 << 16
-)  # numbers in the largest array, from which on sums are long, and what is seldom called is worth optimising
+# Numbers in the largest array, from which on sums are long; and from which on what is seldom called is worth
+# compiling well: a search for effects, of hundreds of calls, then gains ten times what that takes.
+LARGE, SLOW = 1 << 16, 1 << 13
 _all: list[Any] = []  # whatever keeps programs
 _beside: list[ThreadPoolExecutor] = []  # threads that make programs, in a process of one's own
 

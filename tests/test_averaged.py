@@ -115,6 +115,7 @@ def without_rows(log, begin, rows):
     )
 
 
+@pytest.mark.study
 @seeds(40, 200)
 def test_rows_that_are_missing_and_hardly_show_leave_true_intervals(bench, seeds):
     """A row, a sixteenth of tau, is lost somewhere on the rise. Where it hardly shows tau is four of its errors

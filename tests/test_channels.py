@@ -103,6 +103,7 @@ def test_errors_with_one_bad_channel_are_those_of_the_estimates():
     assert unit_normal(z) and all(len(f.logs[0].levels) == 2 for f in fits)
 
 
+@pytest.mark.study
 def test_errors_with_outliers_on_coloured_noise_are_those_of_the_estimates():
     def make(seed):
         rng = np.random.default_rng([seed, 6])

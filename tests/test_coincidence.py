@@ -184,6 +184,7 @@ def test_a_feedthrough_of_a_step_and_of_settled_levels_without_a_frequency_is_on
     assert chi2.ppf(1e-4, len(seeds)) < np.sum(np.square(scores)) < chi2.ppf(1 - 1e-4, len(seeds))
 
 
+@pytest.mark.study
 def test_a_dead_time_of_several_rows_is_found_past_the_optima_of_fewer():
     """A heater whose sensor answers after six rows (closed form): each row crossed is an optimum, and the one of
     four rows was taken, with G five per cent off."""

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import study
 
 import controller
 import sysid
@@ -389,7 +390,7 @@ def test_a_slow_loop_says_when_it_is_there():
     assert 3 * slow < loop.promise.startup < 4.5 * slow
 
 
-@pytest.mark.parametrize("bandwidth", [3.0, 8.0])
+@pytest.mark.parametrize("bandwidth", [study(3.0), 8.0])
 def test_a_finger_slows_a_loop_that_is_slower_than_its_plate(bandwidth):
     """Of the plate's time constant, 1.7 ms, little is to be seen: it is a gain, which the finger halves, under
     an integral, whose time constant doubles. 1/20 is left after ln 20 of it; the loop of 3 Hz was once

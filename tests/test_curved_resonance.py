@@ -64,8 +64,8 @@ def test_it_is_named_with_its_value(seed, temperatures, slope, curve):
     ("temperatures", "slope", "curve"),
     [
         ((5, 15, 25, 35, 45, 60), 0.002, -0.0011),
-        ((14, 19, 24, 29, 34, 44), -8.0, 0.1),
-        ((50, 57, 64, 71), -8, 0.3),
+        study((14, 19, 24, 29, 34, 44), -8.0, 0.1),
+        study((50, 57, 64, 71), -8, 0.3),
     ],
 )
 def test_it_is_fitted_and_f0_and_k_t_are_those_where_they_are_told(seed, temperatures, slope, curve):

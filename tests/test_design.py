@@ -407,6 +407,7 @@ def nearest(error, before="", after=""):
     return [float(v) for v in said.split(",")]
 
 
+@pytest.mark.study
 def test_a_resonance_too_far_away_to_be_tracked_is_refused():
     """The tracker rests below a fifth of the amplitude. What 1.2 times the voltage makes so far away beats as
     it begins, up to twice what it settles at."""

@@ -61,7 +61,7 @@ def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_
     assert all(f.result is Result.misfit or abs(off(bench, f, "G")) < 3 for f in fits)
 
 
-@pytest.mark.parametrize(("name", "changes"), [("tau", {"tau": 1.03}), ("f0", {"f0": 1 + 3 / 32300})])
+@pytest.mark.parametrize(("name", "changes"), [("tau", {"tau": 1.03}), study("f0", {"f0": 1 + 3 / 32300})])
 def test_what_logs_differ_in_is_in_the_errors_where_none_is_surely_wrong(
     bench, seeds, name, changes, nuisances
 ):

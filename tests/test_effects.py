@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from conftest import seeds, study
 from scipy.integrate import solve_ivp
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lombscargle
 from scipy.special import wofz
 
 import sysid
 from sysid.adoption.description import Instance
 from sysid.adoption.point import Points
 from sysid.adoption.search import STEPS, Search
-from sysid.effects.effect import About, plain
+from sysid.effects.effect import FINER, About, oscillating, plain
 from sysid.effects.registry import EFFECTS, EVERY
 from sysid.logs.log import Log
 from sysid.minimum.minimise import Minimiser
@@ -323,7 +323,7 @@ def blurred(rng, share, power):
     return swept(rng, f, np.abs(noisy(rng, np.sqrt(y.real), 0.002)) if power else noisy(rng, y, 0.002))
 
 
-@pytest.mark.parametrize("power", [False, True])
+@pytest.mark.parametrize("power", [False, study(True)])
 @seeds(1, 10)
 def test_a_blurred_peak_is_no_second_mode(seeds, power):
     """It was two modes half a half bandwidth apart, with G and f0 up to 60 errors off."""
@@ -415,7 +415,8 @@ def test_the_size_of_a_limiter_is_found_from_each_start():
     search = Search(
         Points(Minimiser(found.reference, tuple(found.names)), state, About.of(state, found.reference))
     )
-    ends = [search.followed(start, STEPS) for start in search.starts(None, (Instance(law, (0,)),))]
+    starts = map(search.start, search.begins(None, (Instance(law, (0,)),)))
+    ends = [search.followed(start, STEPS) for start in starts]
     error = np.sqrt(search.points.look(ends[0]).covariance[0, 0])
     assert len(ends) > 2 and np.ptp([end.numbers[0] for end in ends]) < 0.2 * error
     assert abs(ends[0].numbers[0] - taken) < FAR * error
@@ -484,7 +485,7 @@ def oven(rng, room, read=False):
     return Log("oven", y + room(t) + 0.03 * rng.standard_normal(1500), **given)
 
 
-@pytest.mark.parametrize("read", [False, True])
+@pytest.mark.parametrize("read", [False, study(True)])
 @seeds(1, 10)
 def test_a_heater_is_what_it_is_in_a_room_that_warms(seeds, read, among):
     """All driven rows were left out as restless, and tau was eight errors off; the room's own temperature
@@ -613,6 +614,7 @@ def three_sweeps(rng, temperatures, late):
     return logs
 
 
+@pytest.mark.study
 @seeds(3, 15)
 def test_a_cable_of_one_of_three_logs_is_told(seeds, among):
     """A gain of it was named: only effects of the plate were tried where logs contradict one another."""
@@ -628,6 +630,7 @@ def test_a_cable_of_one_of_three_logs_is_told(seeds, among):
         assert right(fit, tau=TAU, f0=F0 - 12 * (degC - 24), k_T=-12.0)
 
 
+@pytest.mark.study
 @seeds(2, 20)
 def test_a_room_that_goes_up_and_down_under_a_pulse_is_told(seeds, among):
     """A straight drift shows nothing of it to first order; it was noise, with tau six errors off."""
@@ -664,6 +667,7 @@ def test_what_is_likely_and_not_sure_is_in_the_errors(seeds, among):
         assert right(fit, tau=TAU, f0=F0)
 
 
+@pytest.mark.study
 @seeds(2, 20)
 def test_a_thermometer_that_lags_in_one_of_three_sweeps_is_told(seeds, among):
     """It was "each is of another plate": logs at one temperature were compared by a k_T that none of them
@@ -706,7 +710,7 @@ CROWDS = [
 ]
 
 
-@pytest.mark.parametrize("more", CROWDS)
+@pytest.mark.parametrize("more", [CROWDS[0], study(CROWDS[1])])
 @seeds(1, 12)
 def test_modes_are_found_one_after_another(seeds, more, among):
     """They were a stretch of the sweep that is not of the plate, or unexplained."""
@@ -732,3 +736,20 @@ def test_errors_span_what_a_mode_leaves(seeds, among):
         assert {f.key for f in fit.findings if f.outcome == "fitted"} == {"second_mode"}
         assert right(fit, G=1.0, tau=TAU, f0=F0)
         assert fit.parameters["tau"].std < 0.01 * TAU
+
+
+@pytest.mark.parametrize("even", [True, False])
+def test_peaks_of_a_periodogram_are_where_it_is_computed_frequency_by_frequency(even):
+    """Against scipy's periodogram of Lomb and Scargle, on rows of any times, of a tone that goes once in the log
+    or nearly once in two rows."""
+    rng, rows = np.random.default_rng(3), 400
+    for turns in (1.7, 20.3, 0.48 * rows):
+        time = np.arange(rows) / rows if even else np.sort(rng.uniform(0.0, 1.0, rows))
+        time = (time - time[0]) / (time[-1] - time[0])
+        tone = np.exp(2j * np.pi * turns * time) + 0.3 * rng.standard_normal(rows)
+        rates = np.pi / FINER * np.arange(1, FINER * rows + 1)
+        power = lombscargle(time, tone.real, rates) + lombscargle(time, tone.imag, rates)
+        found = oscillating(2.5 + 3.0 * time, tone)[0] * 3.0
+        # a step of either, and what noise moves a peak by, which is less
+        assert abs(found - rates[np.argmax(power)]) < 1.01 * np.pi / FINER
+        assert abs(found - 2 * np.pi * turns) < 2 * np.pi / FINER

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
-from conftest import seeds
+from conftest import seeds, study
 from scipy import stats
 
 import sysid
@@ -47,7 +47,7 @@ def consistent(scores):
     return bool(0.0005 < stats.chi2.cdf(np.sum(z**2), len(z)) < 0.9995)
 
 
-@pytest.mark.parametrize(("name", "size"), [("drift", 4.0), ("lag", 0.03)])
+@pytest.mark.parametrize(("name", "size"), [study("drift", 4.0), ("lag", 0.03)])
 @seeds(2, 10)
 def test_it_is_found_and_what_it_moves_is_right(seeds, name, size, nuisances):
     scores, own, plain = [], [], []
@@ -64,6 +64,7 @@ def test_it_is_found_and_what_it_moves_is_right(seeds, name, size, nuisances):
     assert set(plain) == {{"drift": "f0_drift", "lag": "thermometer_lag"}[name]}
 
 
+@pytest.mark.study
 def test_logs_of_sensors_of_another_gain():
     """Four steps whose sensors differ: without it one of them contradicts the others."""
     time = np.arange(400) / 2e4

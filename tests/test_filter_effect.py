@@ -80,6 +80,7 @@ def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order, among):
         )  # the delay; how it is made up is not told
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("order", [study(2), 4])
 @seeds(1, 6)
 def test_noise_that_went_through_the_filter_tells_it_as_well(seeds, order, among):
@@ -129,6 +130,7 @@ def test_behind_an_unknown_filter_a_lone_step_tells_the_plate(seeds, time, order
     assert np.sqrt(np.mean(np.square(scores(fits)))) < most(3 * [*seeds], 2.45)
 
 
+@pytest.mark.study
 @seeds(1, 15)
 def test_a_wrong_number_of_poles_is_told(seeds, among):
     """Four were stated of two, whose rows were averaged by these: it was late, with G eight errors off."""
@@ -201,7 +203,9 @@ def test_points_that_have_not_settled_behind_the_stated_filter_are_no_settled_po
     assert "still holds" not in " ".join(sysid.fit([lagging_sweep(0, "steady", 8.0)]).warnings)
 
 
-@pytest.mark.parametrize("offset", [-3.1, 3.1])  # above its noise, where rows of one sign might be amplitudes
+@pytest.mark.parametrize(
+    "offset", [study(-3.1), 3.1]
+)  # above its noise, where rows of one sign might be amplitudes
 def test_of_two_poles_of_a_step_without_a_frequency_the_slower_is_the_plants(offset):
     """A photodiode behind an oscilloscope's input (closed form): either pole may be the plant's, which is no
     reason to tell none."""

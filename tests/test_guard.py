@@ -56,7 +56,7 @@ SOUND = [  # sample times of a tenth of tau to six times it; latencies of up to 
 ]
 
 
-@pytest.mark.parametrize("given", SOUND, ids=str)
+@pytest.mark.parametrize("given", [x if k % 3 == 0 else study(x) for k, x in enumerate(SOUND)], ids=str)
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_a_sound_plate_is_not_taken_for_a_fault_and_settles_as_promised(given, noise):
     loop = designed(**given)
@@ -70,7 +70,7 @@ def test_a_sound_plate_is_not_taken_for_a_fault_and_settles_as_promised(given, n
 
 @pytest.mark.parametrize("noise", [0.0, study(0.002), 0.02])
 @pytest.mark.parametrize("given", [{}, {"tau": 0.1, "T": 1e-3}, SLOW | {"T": 1e-2}], ids=str)
-@pytest.mark.parametrize("low", [0.0, 0.02, 0.2])
+@pytest.mark.parametrize("low", [0.0, study(0.02), 0.2])
 def test_a_plate_that_is_braked_is_not_dead_nor_stuck(given, low, noise):
     """After a rest in which readings without noise are the same to the last bit."""
     loop = designed(**given)

@@ -70,7 +70,7 @@ def test_what_must_come_out(study, name, nuisances):
 
 @pytest.mark.parametrize(
     ("name", "seed"),
-    [("response in nm called um, in one of two", 0), ("frequency recorded off, in one of two", 1)],
+    [("response in nm called um, in one of two", 0), whole("frequency recorded off, in one of two", 1)],
 )
 def test_a_second_mode_that_cancels_the_first_is_another_plate(study, name, seed):
     """Of these seeds such a mode describes the logs as well, whose share is -99 to -100 %."""

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import seeds
+from conftest import seeds, study
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
@@ -275,6 +275,7 @@ def test_a_frequency_that_steps_with_its_phase_continued():
         assert abs(error) < 4.5 * std, name
 
 
+@pytest.mark.study
 def test_a_pause_leads_to_the_phase_after_it():
     # A burst that begins anew at any phase: in the pause the frame turns so that theta arrives there.
     drive = [(0.0, 100.0, 32290.0), (8.2e-3, 0.0, 32290.0), (10.5e-3, 100.0, 32290.0, 2.0)]
@@ -347,7 +348,7 @@ def test_a_delay_turns_each_frequency_by_another_angle(seeds, save):
         assert all(abs(error) < 4 * std for error, std in relative(fit, PLATE).values()), relative(fit, PLATE)
 
 
-@pytest.mark.parametrize("late", [-20, 20])
+@pytest.mark.parametrize("late", [study(-20), 20])
 def test_a_sensor_s_delay_is_in_the_error_of_the_gain(late, save):
     # By 20 us, 1.2 % of tau: a decoder's, or channels that are read one after the other. Stated, it is none.
     scores, errors = [], []
@@ -493,6 +494,7 @@ def test_a_rotation_turns_the_response_and_not_the_drive_s_path(angle):
     np.testing.assert_allclose(found.response, w, rtol=0, atol=1e-9)  # 2 um
 
 
+@pytest.mark.study
 def test_a_rotation_leaves_the_gain_of_a_ring_down_s_samples(tmp_path):
     """Turned with the drive's path, what an edge leaves behind is off by 2 sin(9 deg)/(4 Q) = 5e-4, and G by
     4e-4."""

@@ -392,6 +392,7 @@ def steps_that_drift(hertz, seeds):
     return logs
 
 
+@pytest.mark.study
 @seeds(1, 20)
 def test_what_all_logs_hold_alike_is_found_though_none_contradicts_the_others(seeds, nuisances):
     """A drift of a tenth of a bandwidth in each of three: each alone was a misfit, and all together were
@@ -649,6 +650,7 @@ def test_an_offset_that_drifts_in_a_step_is_named_and_fitted_on_request(bench, s
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds))
 
 
+@pytest.mark.study
 def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench, among):
     """A feedthrough and a lateness that cancel make up for a gain: with them a log that is turned is
     described, as it is unturned, and no better."""
@@ -663,6 +665,7 @@ def test_steps_of_a_gain_each_on_their_resonance_are_not_turned(bench, among):
     assert found.key == "odd" and "G contradicts the other logs" in found.sentence
 
 
+@pytest.mark.study
 def test_a_step_that_is_late_does_not_contradict_the_others(among):
     """Alone it is described by a gain 1.25 times as large, with an error that spans that it may be late: it
     is, which is fitted."""

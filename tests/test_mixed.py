@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import seeds
+from conftest import seeds, study
 from scipy.signal import lfilter
 
 import sysid
@@ -33,7 +33,7 @@ def heater(rng, own, slow, time, n=900):
     return Log("heater", y, time=t, drive=drive, kind="transient", sampling="instant")
 
 
-@pytest.mark.parametrize("time", [30.0, 200.0])
+@pytest.mark.parametrize("time", [study(30.0), 200.0])
 @seeds(10, 60)
 def test_errors_hold_where_slow_noise_lies_under_that_of_rows(seeds, time):
     """They were up to four times too small: the rows' own noise hid how long the other lasts."""

@@ -39,7 +39,7 @@ def scores(fit, x):
 
 @pytest.mark.parametrize(
     ("x", "amplitude"),
-    [study(0.25, True), (0.5, True), (1.9, True), study(5.0, True), (-0.5, False), study(1.9, False)],
+    [study(0.25, True), (0.5, True), study(1.9, True), study(5.0, True), (-0.5, False), study(1.9, False)],
 )
 @seeds(2, 12)
 def test_it_is_fitted(seeds, x, amplitude, among):

@@ -113,6 +113,7 @@ def fast_sweep(degC, seed, rows=80, flicker=0.02):
     return plant, log
 
 
+@pytest.mark.study
 @seeds(3, 12)
 def test_a_thermometers_error_is_in_the_interval_of_fast_sweeps(seeds):
     """Its shape was off by a seventh, so that what the logs tell of f0 was taken to tell their thermometers'

@@ -38,7 +38,7 @@ def after(bench, logs, parameter, seed):
 
 @pytest.mark.parametrize(
     ("parameter", "given"),
-    [("k_T", "sweep"), ("G", "step"), ("tau", "sweep"), ("f0", "step")],
+    [study("k_T", "sweep"), ("G", "step"), ("tau", "sweep"), study("f0", "step")],
 )
 @seeds(3, 8)
 def test_the_error_shrinks_to_what_was_promised(bench, seeds, parameter, given):
@@ -84,6 +84,7 @@ def test_a_parameter_that_there_is_not_is_refused(bench):
         sysid.advise(sysid.fit([bench.sweep()]), "Q")
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("noise", [study(0.02), 0.04])
 @seeds(1, 3)
 def test_the_margin_lacks_what_was_foreseen(bench, seeds, noise):
@@ -100,7 +101,7 @@ def test_the_margin_lacks_what_was_foreseen(bench, seeds, noise):
         assert best.best - best.after < 0.5 * (best.best - best.before)
 
 
-@pytest.mark.study  # its own designs; the margin's are in every run
+@pytest.mark.study
 def test_the_settling_time_shrinks_as_foreseen(bench):
     logs = [bench.transient(noise=0.1)]
     best = sysid.advise(sysid.fit(logs), "settling", design=controller.design, temperatures=[24.0])[0]

@@ -67,6 +67,7 @@ def decay(seed, softening):
     return sysid.Log("bare", np.abs(w + reference.noise(len(time), 0.005, seed)), time=time, kind="transient")
 
 
+@pytest.mark.study
 def test_damping_that_depends_on_the_amplitude_shows_in_a_bare_amplitude(among):
     """A fifth more damping at the first row: eleven errors of tau, which nothing said."""
     for seed in range(5):

@@ -73,6 +73,7 @@ def test_gain_and_time_constant_are_known_on_resonance(fits):
         )  # x^2 >= 0 is 0 here, which the logs do not know
 
 
+@pytest.mark.study
 def test_what_it_says_of_f0_is_as_wide_as_the_posterior(fits):
     """The chains have the density itself."""
     vague = [f for f in fits if f.parameters["f0"].determined and len(f.modes) == 1][: len(fits) // 10]

@@ -66,6 +66,7 @@ def test_draws_do_not_settle_what_is_open():
     assert told["tau"].determined and not told["G"].determined and not told["f0"].determined
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("x", [study(0.0), 0.3, study(1.0)])
 @seeds(1, 2)
 def test_a_response_that_still_grows_tells_the_gain(seeds, x):
@@ -107,6 +108,7 @@ def test_at_several_temperatures_the_images_are_too_many():
     assert found.parameters["tau"].determined and errors(found, "tau") < 4
 
 
+@pytest.mark.study
 def test_what_an_offset_drives_is_a_free_decay():
     """A drive of a millivolt is not what the response had settled to."""
     found = sysid.fit([log(0.5, 2, 30 * TAU, levels=(40.0, 1e-3))])

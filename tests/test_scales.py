@@ -54,7 +54,7 @@ def logs(bench):
         "a step and a sweep",
         study("a step behind a filter"),
         study("a step of another gain"),
-        "amplitudes",
+        study("amplitudes"),
         study("a sweep that is no resonance"),
     ],
 )

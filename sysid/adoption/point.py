@@ -21,6 +21,7 @@ from sysid.adoption.description import Instance
 from sysid.effects.effect import About, Effect, Fitted, plain
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model.theta import NAMES
+from sysid.precision import makes_beside
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.linear import Linear
@@ -41,6 +42,15 @@ class Point:
     numbers: np.ndarray
     state: State
     cost: float
+
+
+class Begin(NamedTuple):
+    """Where a search begins: numbers of effects, near a minimum; None where the logs, read with these, are to
+    tell by themselves where."""
+
+    instances: tuple[Instance, ...]
+    numbers: np.ndarray
+    near: State | None
 
 
 class Looked(NamedTuple):
@@ -91,6 +101,13 @@ class Points:
             if abs(state.likelihood - near.likelihood) < NEAR**2:
                 break
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
+
+    def prepare(self, begins: Sequence[Begin]) -> None:
+        """Begin to make the programs of these, where that goes on beside."""
+        for instances, numbers, near in begins if makes_beside() else ():
+            near = near or self.alone
+            trials = self.applied(instances, numbers, near)
+            self.minimiser.prepare(trials, near.theta, near.low_q)
 
     def applied(
         self,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from sysid.adoption.description import Description, Group
-from sysid.adoption.point import LEVEL, NEAR, Point, Points, fed
+from sysid.adoption.point import LEVEL, NEAR, Begin, Point, Points, fed
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, freedom
 
@@ -49,7 +49,9 @@ class Search:
         """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest
         first."""
         known = 0 if before is None else len(before.instances)
-        starts = [p for x in tried for p in self.starts(before, x) if np.isfinite(self.hoped(p))]
+        begins = [begin for x in tried for begin in self.begins(before, x)]
+        self.points.prepare(begins)
+        starts = [p for p in map(self.start, begins) if np.isfinite(self.hoped(p))]
         starts.sort(key=lambda p: self.hoped(p) - self.volume(p))
         followed = []
         for group in _likely([p.instances[known:] for p in starts]):
@@ -69,20 +71,21 @@ class Search:
         ]
         return sorted((self.ended(p, count) for points in each for p in points), key=lambda d: -d.evidence)
 
-    def starts(self, before: Description | None, group: Group) -> list[Point]:
-        """Points at the starts of one more effect, the same in all logs that have it for themselves."""
+    def begins(self, before: Description | None, group: Group) -> list[Begin]:
+        """Where the search for one more effect begins, the same in all logs that have it for themselves."""
         known = () if before is None else before.instances
         near, numbers = (self.points.alone, np.zeros(0)) if before is None else (before.state, before.numbers)
-        where, found, every = {i for x in group for i in x.where}, [], (*known, *group)
+        where, every = {i for x in group for i in x.where}, (*known, *group)
         afresh = all(group[0].effect.afresh(self.points.trials[k]) for k in where)
-        for start in zip(
-            *(x.effect.starts(self.points.trials[x.where[0]], self.points.about) for x in group), strict=False
-        ):
-            u = np.concatenate([numbers, *start])
-            found.append(
-                self.hopped(self.points.at(every, u, self.points.anew(every, u) if afresh else near, ROUGH))
-            )
-        return found
+        each = (x.effect.starts(self.points.trials[x.where[0]], self.points.about) for x in group)
+        starts = (np.concatenate([numbers, *start]) for start in zip(*each, strict=False))
+        return [Begin(every, u, None if afresh else near) for u in starts]
+
+    def start(self, begin: Begin) -> Point:
+        """The point there, its plate on the way to its minimum."""
+        every, u, near = begin
+        near = self.points.anew(every, u) if near is None else near
+        return self.hopped(self.points.at(every, u, near, ROUGH))
 
     def hopped(self, point: Point) -> Point:
         """The point, its numbers that logs follow in steps where they had better be, seen from its plate."""

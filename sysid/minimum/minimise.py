@@ -147,7 +147,7 @@ class Minimiser:
 
     def roughly(self, trials: tuple[Trial, ...], start: Plant | None = None) -> list[State]:
         """What those starting points lead to, the best first, by a first estimate of the noise."""
-        self._prepare(trials)
+        self.prepare(trials, np.zeros(len(NAMES)))  # while starting points are looked for
         log.info("where to start")
         search = Search(trials, (self._frequency, self.reference[1]))
         points, score, cost = self._starts(search, start)
@@ -194,12 +194,10 @@ class Minimiser:
             every += latest
         return every[len(found) :]
 
-    def _prepare(self, trials: tuple[Trial, ...]) -> None:
-        """Start compiling the search while starting points are looked for, on the assumption that Q is not
-        low."""
+    def prepare(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool = False) -> None:
+        """Begin to make the programs of a search from theta, where that goes on beside."""
         if makes_beside():
-            theta = np.zeros(len(NAMES))
-            prepare(group(trials, self.reference)[0], theta, self._directions(theta))
+            prepare(group(trials, self.reference, low_q=low_q)[0], theta, self._directions(theta))
 
     def refine(
         self, trials: tuple[Trial, ...], theta: np.ndarray, rounds: Rounds = NEW, low_q: bool | None = None
