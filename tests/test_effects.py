@@ -188,6 +188,7 @@ def unlike(rng):
     return swept(rng, f, y.real + 0.94j * y.imag)
 
 
+@pytest.mark.study
 @seeds(4, 20)
 def test_the_gain_is_open_where_nobody_knows_which_channel_is_right(seeds):
     """G was the mean of both channels, with an error of a tenth of what it was off."""
@@ -485,6 +486,7 @@ def oven(rng, room, read=False):
     return Log("oven", y + room(t) + 0.03 * rng.standard_normal(1500), **given)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("read", [False, study(True)])
 @seeds(1, 10)
 def test_a_heater_is_what_it_is_in_a_room_that_warms(seeds, read, among):

@@ -225,6 +225,7 @@ def test_a_feedthrough_that_may_be_a_delay_widens_g_as_the_single_fit_has_it(pla
     assert sum("that is late by" in " ".join(row["notes"]) for row in rows.values()) > len(plates) / 2
 
 
+@pytest.mark.study
 @seeds(150, 2000)
 def test_clean_plates_stay_and_their_intervals_hold(seeds, unfitted):
     rows = told({str(k): made("both", k) for k in seeds})

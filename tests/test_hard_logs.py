@@ -54,6 +54,12 @@ LONG = {
     "20 % outliers, sweep",
     "two peaks in one",
     "drive in mV called V, in one of two",
+    "two plates, far apart",
+    "time in us called ms, in one of two",
+    "gain that changes between logs",
+    "frequency in kHz called Hz, in one of two",
+    "resonance that softens",
+    "amplifier clips the larger steps",
 }
 
 

@@ -336,6 +336,7 @@ def test_fits_are_unbiased_and_as_good_as_they_say(save):
     assert np.all(chi2.cdf(np.sum(scores**2, axis=0), 24) > 0.001), scores.std(axis=0)
 
 
+@pytest.mark.study
 @seeds(2, 12)
 def test_a_delay_turns_each_frequency_by_another_angle(seeds, save):
     # 12 us behind a carrier whose frequency steps through the resonance, which is neither gain nor feedthrough
@@ -391,6 +392,7 @@ def test_what_is_left_of_the_carrier_s_phase_at_an_edge(theta):
         assert abs(error) < 4.5 * std, name
 
 
+@pytest.mark.study
 def test_a_blade_of_q_8():
     drive = [
         (0.0, 0.0, 880.0),

@@ -365,6 +365,7 @@ def test_a_gain_that_is_far_off_is_told_as_it_is(bench, nuisances):
     assert times == pytest.approx(10, rel=0.02)  # what a step tells of its gain
 
 
+@pytest.mark.study
 def test_sweeps_of_a_gain_each_are_described_one_by_one(bench):
     gains = (1.0, 1.03, 0.97, 1.015)
     logs = [bench.sweep(seed=60 + k) for k in range(len(gains))]

@@ -224,6 +224,7 @@ def test_tasks_of_commissioning():
     assert FAULTS[int(wrong["fault"][-1, 0])] == "above"
 
 
+@pytest.mark.study
 def test_what_is_asked_in_run_may_change_at_once():
     """Two hundred changes a second, braking and all: nothing is a fault."""
     found = play(

@@ -49,8 +49,9 @@ def errors(found, name):
 
 @pytest.mark.parametrize("before", [study(5), 60, study(200)])
 @pytest.mark.parametrize("x", [0.0, study(0.3), study(1.0), study(3.0)])
-def test_of_a_settled_amplitude_that_rings_down_only_tau_is_told(x, before):
-    for seed in range(SEEDS):
+@seeds(1, SEEDS)
+def test_of_a_settled_amplitude_that_rings_down_only_tau_is_told(seeds, x, before):
+    for seed in seeds:
         found = sysid.fit([log(x, before, 30 * TAU, seed=seed)])
         assert found.result is Result.undetermined
         assert "settled amplitude at one frequency" in found.parameters["G"].why
@@ -186,6 +187,7 @@ def test_the_slope_away_from_the_minimum_is_that_of_the_cost():
             np.testing.assert_allclose(given, slope, rtol=5e-5)  # differences of the third order in 1e-4
 
 
+@pytest.mark.study
 @seeds(1, 25)
 def test_one_that_dies_into_its_noise_is_told_as_well_as_is_said(seeds):
     """Rice's mean and spread: taken for noise of one size about sqrt(|W|^2 + floor), tau was 1.7 of its

@@ -347,6 +347,7 @@ def test_a_log_that_was_written_is_fitted_as_it_is_in_memory(tmp_path):
     assert read.parameters["f0"].std == pytest.approx(sysid.fit(logs).parameters["f0"].std, rel=1e-6)
 
 
+@pytest.mark.study
 def test_a_long_log_that_warms_tells_k_t_and_no_drift():
     """The temperature was held in 256 levels, between which a drift of f0 ran on: k_T was eleven errors off."""
     rng, n, h, tau, f = np.random.default_rng(5), 20000, 1e-4, 1.67e-3, 32290.0
