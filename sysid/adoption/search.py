@@ -25,8 +25,10 @@ FIRST = 2  # steps;
 WITHIN = 30.0  # log likelihood of the best of all then, one step later, up to its optimum
 STEPS = 15
 HOPS = 8  # of numbers that a log follows in steps: most need two
-# what is compared on the way, where steps of plant and numbers together lead on: what is seen where the plant
-# is foreseen, or near by
+# what is compared at a start, to whose plate nothing leads but its own steps: d and q are linear in what the
+# bench adds, and most take four; and on the way, where steps of plant and numbers together lead on: what is
+# seen where the plate is foreseen, or near by
+START = Rounds(1, steps=8, white=True)
 GLANCE, ROUGH = Rounds(1, steps=0, white=True), Rounds(1, steps=2, white=True)
 SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
@@ -85,7 +87,7 @@ class Search:
         """The point there, its plate on the way to its minimum."""
         every, u, near = begin
         near = self.points.anew(every, u) if near is None else near
-        return self.hopped(self.points.at(every, u, near, ROUGH))
+        return self.hopped(self.points.at(every, u, near, START))
 
     def hopped(self, point: Point) -> Point:
         """The point, its numbers that logs follow in steps where they had better be, seen from its plate."""
