@@ -78,7 +78,7 @@ def test_a_step_whose_drive_was_measured(bench, seeds):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("kind", [study("of two values"), "normal"])
+@pytest.mark.parametrize("kind", ["of two values", "normal"])
 def test_a_drive_that_is_made_to_vary_about_its_level_is_not_a_meters_noise(bench, seeds, kind):
     """By 1 % of 100 V in each row of a log that tells tau by nothing else."""
 

@@ -487,7 +487,7 @@ def oven(rng, room, read=False):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("read", [False, study(True)])
+@pytest.mark.parametrize("read", [False, True])
 @seeds(1, 10)
 def test_a_heater_is_what_it_is_in_a_room_that_warms(seeds, read, among):
     """All driven rows were left out as restless, and tau was eight errors off; the room's own temperature

@@ -85,7 +85,7 @@ def test_a_parameter_that_there_is_not_is_refused(bench):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("noise", [study(0.02), 0.04])
+@pytest.mark.parametrize("noise", [0.02, 0.04])
 @seeds(1, 3)
 def test_the_margin_lacks_what_was_foreseen(bench, seeds, noise):
     """Of a loop that the delay does not slow down already: half a sample, and the demodulator's."""

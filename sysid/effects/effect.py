@@ -295,8 +295,8 @@ def oscillating(time: np.ndarray, left: np.ndarray) -> np.ndarray:
     fine that it leaves nine tenths of the power there."""
     from scipy.signal import find_peaks  # takes a third of a second to load
 
-    lasted, most = time[-1] - time[0], FINER * len(left)
-    at = (time - time[0]) / lasted * (GRID * len(left))
+    whole, most = time[-1] - time[0], FINER * len(left)
+    at = (time - time[0]) / whole * (GRID * len(left))
     first = np.floor(at).astype(int)
     shared = np.zeros(2 * GRID * most, complex)
     np.add.at(shared, first, (first + 1 - at) * left)
@@ -304,7 +304,7 @@ def oscillating(time: np.ndarray, left: np.ndarray) -> np.ndarray:
     size = np.abs(np.fft.fft(shared)) ** 2
     power = size[1 : most + 1] + size[: -most - 1 : -1]
     peaks = find_peaks(power)[0]
-    return np.pi / (FINER * lasted) * (1 + peaks[np.argsort(-power[peaks])][:PEAKS])
+    return np.pi / (FINER * whole) * (1 + peaks[np.argsort(-power[peaks])][:PEAKS])
 
 
 def beside(trial: Trial, values: np.ndarray, about: About, shape: np.ndarray) -> Trial:
