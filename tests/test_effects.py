@@ -416,7 +416,7 @@ def test_the_size_of_a_limiter_is_found_from_each_start():
     search = Search(
         Points(Minimiser(found.reference, tuple(found.names)), state, About.of(state, found.reference))
     )
-    starts = map(search.start, search.begins(None, (Instance(law, (0,)),)))
+    starts = search.starts(None, (Instance(law, (0,)),))
     ends = [search.followed(start, STEPS) for start in starts]
     error = np.sqrt(search.points.look(ends[0]).covariance[0, 0])
     assert len(ends) > 2 and np.ptp([end.numbers[0] for end in ends]) < 0.2 * error

@@ -21,7 +21,6 @@ from sysid.adoption.description import Instance
 from sysid.effects.effect import About, Effect, Fitted, plain
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model.theta import NAMES
-from sysid.precision import makes_beside
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, with_noise
 from sysid.verdict.linear import Linear
@@ -44,15 +43,6 @@ class Point:
     cost: float
 
 
-class Begin(NamedTuple):
-    """Where a search begins: numbers of effects, near a minimum; None where the logs, read with these, are to
-    tell by themselves where."""
-
-    instances: tuple[Instance, ...]
-    numbers: np.ndarray
-    near: State | None
-
-
 class Looked(NamedTuple):
     """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
     (6, 6), and what the step gains, to second order; by how much theta moves by itself (6,), and with the
@@ -70,7 +60,7 @@ class Points:
     """Of logs at a minimum."""
 
     def __init__(self, minimiser: Minimiser, state: State, about: About):
-        self.minimiser, self.alone, self.about = minimiser, its_own(state), about
+        self.minimiser, self.alone, self.about = replace(minimiser, plain=True), its_own(state), about
         self.trials = tuple(plain(t, t.noise.std) for t in state.trials)
         self.looked = cache(self.look)  # a point is looked at where a search begins, ends and is weighed
         self.known = cache(self.beforehand)
@@ -101,13 +91,6 @@ class Points:
             if abs(state.likelihood - near.likelihood) < NEAR**2:
                 break
         return Point(instances, numbers, state, self.cost(instances, numbers, state))
-
-    def prepare(self, begins: Sequence[Begin]) -> None:
-        """Begin to make the programs of these, where that goes on beside."""
-        for instances, numbers, near in begins if makes_beside() else ():
-            near = near or self.alone
-            trials = self.applied(instances, numbers, near)
-            self.minimiser.prepare(trials, near.theta, near.low_q)
 
     def applied(
         self,

@@ -6,7 +6,7 @@ the Laplace approximation of their evidence,
 with s the numbers' prior standard deviations and C_u their covariance, in white noise of one level.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from sysid.adoption.description import Description, Group
-from sysid.adoption.point import LEVEL, NEAR, Begin, Point, Points, fed
+from sysid.adoption.point import LEVEL, NEAR, Point, Points, fed
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, freedom
 
@@ -51,9 +51,7 @@ class Search:
         """Where one more effect than those `before` leads to, of `count` that were tried, the likeliest
         first."""
         known = 0 if before is None else len(before.instances)
-        begins = [begin for x in tried for begin in self.begins(before, x)]
-        self.points.prepare(begins)
-        starts = [p for p in map(self.start, begins) if np.isfinite(self.hoped(p))]
+        starts = [p for x in tried for p in self.starts(before, x) if np.isfinite(self.hoped(p))]
         starts.sort(key=lambda p: self.hoped(p) - self.volume(p))
         followed = []
         for group in _likely([p.instances[known:] for p in starts]):
@@ -73,21 +71,18 @@ class Search:
         ]
         return sorted((self.ended(p, count) for points in each for p in points), key=lambda d: -d.evidence)
 
-    def begins(self, before: Description | None, group: Group) -> list[Begin]:
-        """Where the search for one more effect begins, the same in all logs that have it for themselves."""
+    def starts(self, before: Description | None, group: Group) -> Iterator[Point]:
+        """Where the search for one more effect begins, the same in all logs that have it for themselves; the
+        plates on the way to their minimum."""
         known = () if before is None else before.instances
         near, numbers = (self.points.alone, np.zeros(0)) if before is None else (before.state, before.numbers)
         where, every = {i for x in group for i in x.where}, (*known, *group)
         afresh = all(group[0].effect.afresh(self.points.trials[k]) for k in where)
         each = (x.effect.starts(self.points.trials[x.where[0]], self.points.about) for x in group)
-        starts = (np.concatenate([numbers, *start]) for start in zip(*each, strict=False))
-        return [Begin(every, u, None if afresh else near) for u in starts]
-
-    def start(self, begin: Begin) -> Point:
-        """The point there, its plate on the way to its minimum."""
-        every, u, near = begin
-        near = self.points.anew(every, u) if near is None else near
-        return self.hopped(self.points.at(every, u, near, START))
+        for start in zip(*each, strict=False):
+            u = np.concatenate([numbers, *start])
+            begin = self.points.anew(every, u) if afresh else near
+            yield self.hopped(self.points.at(every, u, begin, START))
 
     def hopped(self, point: Point) -> Point:
         """The point, its numbers that logs follow in steps where they had better be, seen from its plate."""

@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.model.experiment import Groups, Residual
+from sysid.model.experiment import Experiment, Groups, Layout, Residual
 from sysid.model.likelihood import linearised
 from sysid.model.prior import Prior
 from sysid.model.theta import PLANT
 from sysid.precision import seldom
-from sysid.trials.experiment import stacks
+from sysid.rows.hold import Leaf
+from sysid.trials.experiment import each, stacks
 
 SHORTEST = 1e-8  # a step that is not shortened any further
 # of a sum of squares, which one more step would gain, at which a search ends: the errors of what is found are
@@ -42,19 +43,33 @@ class Seen(NamedTuple):
     found: list[Residual]
 
 
+def _looked(theta: Leaf, steps: Leaf, layout: Layout, x: Experiment) -> tuple[Leaf, Leaf, Residual]:
+    """J^T J and the gradient along steps (p, 6) of theta, and the residual, of one log."""
+    found, along = linearised(theta, x, layout)
+    jacobian = along(steps)
+    return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
+
+
 @seldom
-def _looked(theta, sizes, layout, x):
-    """J^T J and the gradient along steps of these sizes (p,) in the first p numbers of theta, and the
-    residual, of each log of a stack of one layout. A program for each layout is smaller than one for each set
-    of layouts, and there are fewer of them; one for all parameters serves whichever are free."""
+def _compiled(theta, sizes, layout, x):
+    """The same of each log of a stack of one layout, along steps of these sizes (p,) in the first p numbers
+    of theta. A program for each layout is smaller than one for each set of layouts, and there are fewer of
+    them; one for all parameters serves whichever are free."""
     steps = jnp.eye(len(sizes), len(theta)) * sizes[:, None]
+    return jax.vmap(lambda x: _looked(theta, steps, layout, x))(x)
 
-    def one(x):
-        found, change = linearised(theta, x, layout)
-        jacobian = jax.vmap(change)(steps)
-        return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
 
-    return jax.vmap(one)(x)
+def _in_group(theta: np.ndarray, directions: np.ndarray, layout: Layout, x: Experiment, plain: bool) -> tuple:
+    """The same of each log of a group along the directions (6, d)."""
+    if plain:
+        found = [_looked(theta, directions.T, layout, log) for log in each(x)]
+        gram, gradient, residual = zip(*found, strict=True)
+        stacked = Residual(*map(np.array, zip(*residual, strict=True)))
+        return np.array(gram), np.array(gradient), stacked
+    sizes, free = _along(directions)
+    parts = [_compiled(theta, sizes, layout, stack) for stack in stacks(x)]
+    gram, gradient, residual = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    return gram[:, free[:, None], free], gradient[:, free], residual
 
 
 @seldom
@@ -87,7 +102,7 @@ def prepare(groups: Groups, theta: np.ndarray, directions: np.ndarray) -> None:
     sizes, _ = _along(directions)
     for layout, x in groups:
         for stack in stacks(x):
-            _looked.prepare(theta, sizes, layout, stack)
+            _compiled.prepare(theta, sizes, layout, stack)
     d = directions.shape[1]
     rest, none, nothing = np.zeros(d), np.zeros(()), np.zeros((d, d))
     sums = Sums(none, rest, nothing)
@@ -95,11 +110,11 @@ def prepare(groups: Groups, theta: np.ndarray, directions: np.ndarray) -> None:
 
 
 def levenberg_marquardt(
-    groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int, prior: Prior
+    groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int, prior: Prior, plain: bool = False
 ) -> Seen:
     """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps, and what
-    is seen there."""
-    now = _seen(groups, theta, directions, prior)
+    is seen there. `plain`: by numpy alone, else by compiled programs."""
+    now = _seen(groups, theta, directions, prior, plain)
     if not most:
         return now
     nothing = Sums(*(np.zeros_like(x) for x in now.sums))
@@ -112,7 +127,7 @@ def levenberg_marquardt(
         size, gained = np.max(np.abs(step)), -best.sums.gradient @ step
         if looks == most or not size >= SHORTEST or (taken and gained < CLOSE) or not np.isfinite(size):
             break
-        now = _seen(_nearer(groups, best.found), best.theta + directions @ step, directions, prior)
+        now = _seen(_nearer(groups, best.found), best.theta + directions @ step, directions, prior, plain)
     return best
 
 
@@ -127,17 +142,11 @@ def _nearer(groups: Groups, found: Sequence[Residual]) -> Groups:
     )
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a step that leads there is not taken
-def _seen(groups: Groups, theta: np.ndarray, directions: np.ndarray, prior: Prior) -> Seen:
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # a step that leads there is not taken
+def _seen(groups: Groups, theta: np.ndarray, directions: np.ndarray, prior: Prior, plain: bool) -> Seen:
     """What is seen at theta."""
-    grams, gradients, found = [], [], []
-    sizes, free = _along(directions)
-    for layout, x in groups:
-        parts = [_looked(theta, sizes, layout, stack) for stack in stacks(x)]
-        gram, gradient, residual = jax.tree.map(lambda *each: np.concatenate(each), *parts)
-        grams.append(gram[:, free[:, None], free])
-        gradients.append(gradient[:, free])
-        found.append(residual)
+    seen = [_in_group(theta, directions, layout, x, plain) for layout, x in groups]
+    grams, gradients, found = map(list, zip(*seen, strict=True))
     squares = sum(float(np.sum(np.abs(f.rows) ** 2)) for f in found)
     sums = Sums(
         np.asarray(0.5 * squares + prior.cost(theta)),

@@ -128,11 +128,13 @@ def hopeful(state: State, cost: float) -> bool:
 @dataclass(frozen=True)
 class Minimiser:
     """The search for minima in the parameters `free`; `reference` (Hz, degC) is where theta's offsets are
-    taken from."""
+    taken from. `plain`: with numpy alone, as where many layouts of logs are looked at a few times each, whose
+    programs would take longer to compile."""
 
     reference: tuple[float, float]
     free: tuple[str, ...]
     prior: Prior = FLAT
+    plain: bool = False
 
     def beside(self, trials: Sequence[Trial]) -> "Minimiser":
         """The search for what some of the logs tell beside the others: of logs at one temperature k_T is what
@@ -196,7 +198,7 @@ class Minimiser:
 
     def prepare(self, trials: tuple[Trial, ...], theta: np.ndarray, low_q: bool = False) -> None:
         """Begin to make the programs of a search from theta, where that goes on beside."""
-        if makes_beside():
+        if makes_beside() and not self.plain:
             prepare(group(trials, self.reference, low_q=low_q)[0], theta, self._directions(theta))
 
     def refine(
@@ -233,7 +235,7 @@ class Minimiser:
             first, far = (theta, rounds.steps) if steps.next is None else (theta + steps.next, 0)
             if not unmoved:  # else what was seen stands
                 groups, members = group(trials, self.reference, low_q=low_q)
-                seen = levenberg_marquardt(groups, first, directions, far, self.prior)
+                seen = levenberg_marquardt(groups, first, directions, far, self.prior, self.plain)
                 theta = seen.theta
             if _ran_away(theta, begin):
                 return self._unbounded(trials, begin, low_q)
@@ -287,7 +289,7 @@ class Minimiser:
         well."""
         groups, members = group(trials, self.reference, low_q=low_q)
         directions = self._directions(theta)
-        found = levenberg_marquardt(groups, theta, directions, 0, self.prior).found
+        found = levenberg_marquardt(groups, theta, directions, 0, self.prior, self.plain).found
         courses = [LogResponse.of(t, self.reference, theta) for t in trials]
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)

@@ -2,10 +2,8 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
-from jax import Array
-
 from sysid.model.plant import Response, respond, steady
+from sysid.model.span import module
 from sysid.model.theta import PLANT, Theta
 from sysid.rows.hold import Hold, Leaf
 
@@ -78,33 +76,37 @@ class Residual(NamedTuple):
     columns, `turn` the demodulator's rotation times the gain where that is the log's own. `volume` is half
     the log determinant of the nuisances' information, as far as it depends on the plant."""
 
-    rows: Array
-    driven: Array
-    start: Array
-    floor: Array
-    late: Array
-    offset: Array
-    turn: Array
-    volume: Array
-    extra: Array
+    rows: Leaf
+    driven: Leaf
+    start: Leaf
+    floor: Leaf
+    late: Leaf
+    offset: Leaf
+    turn: Leaf
+    volume: Leaf
+    extra: Leaf
 
 
-def basis(theta: Array, hold: Hold, layout: Layout) -> Response:
+def basis(theta: Leaf, hold: Hold, layout: Layout) -> Response:
     """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex
-    arrays.
+    arrays; of several plants with numpy (N, P).
 
-    `theta` (6,) as `model.theta` has it. A finger, or what else damps, divides tau and G by one factor, and
-    with G the drive.
+    `theta` (6,) as `model.theta` has it, or (P, 6), with what `hold` has of intervals and rows (M, 1) and
+    (N, 1), but for `interval`. A finger, or what else damps, divides tau and G by one factor, and with G the
+    drive.
     """
-    at = Theta.of(theta) if layout.touched else Theta.of(theta[: len(PLANT)])
-    tau, detuning = jnp.exp(at.log_tau), at.detuning(hold)
+    xp = module(theta)
+    at = Theta.of(theta) if layout.touched else Theta.of(theta[..., : len(PLANT)])
+    tau, detuning = xp.exp(at.log_tau), at.detuning(hold)
     if layout.touched:
         damped = at.damped(hold)
         tau, hold = tau / damped, hold._replace(drive=hold.drive / damped)
     if layout.steady:
-        forced = hold.drive * steady(tau, detuning, hold.omega)
-        return Response(forced, jnp.zeros_like(forced), jnp.zeros_like(forced))
-    return respond(tau, detuning, hold, layout.both_modes, layout.carrier, layout.amplitude, layout.order)
+        forced = hold.drive * steady(tau, detuning, hold.omega, xp)
+        return Response(forced, xp.zeros_like(forced), xp.zeros_like(forced))
+    return respond(
+        tau, detuning, hold, layout.both_modes, layout.carrier, layout.amplitude, layout.order, xp=xp
+    )
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]

@@ -35,17 +35,16 @@ of their coefficients, log p = - 1/2 log det B, which depends on the plant where
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax import Array
+import numpy as np
 
 from sysid.model import rice
 from sysid.model.experiment import Experiment, Layout, Residual, basis
 from sysid.model.plant import Response
-from sysid.model.span import REAL, Span, best_turn, times, turn_towards
+from sysid.model.span import REAL, Span, best_turn, module, times, turn_towards
 from sysid.model.theta import Theta
 from sysid.rows.hold import Leaf
 
@@ -55,51 +54,66 @@ LATE = 1  # of the columns that depend on the plant, which is the lateness
 OWN = 8
 
 
-@partial(jax.jit, static_argnames="layout")  # traced once, however many programs call it
-def residual(theta: Array, x: Experiment, layout: Layout) -> Residual:
+def residual(theta: Leaf, x: Experiment, layout: Layout) -> Residual:
     """Whitened residual of one experiment in units of its noise, all nuisances at their optimum."""
-    return _eliminated(theta, x, layout)[0]
+    return _eliminated(theta, _shapes(theta, x, layout), x, layout)[0]
 
 
-def linearised(theta: Array, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Array], Array]]:
-    """`residual`, and the derivative of its rows by theta: that of the model with the nuisances held,
-    projected off all that the nuisances can adjust (Kaufman, BIT 15, 49, 1975). The gradient of the sum of
-    squares is then exact, and J^T J is the information with the nuisances eliminated."""
-    found, nuisances, off = _eliminated(theta, x, layout)
-    if not layout.extra:
-        _, change = jax.linearize(lambda t: _modelled(_shapes(t, x, layout), nuisances, layout), theta)
-        return found, lambda step: -off(_whiten(change(step), x))
-    _, change = jax.linearize(
-        lambda t: (_modelled(_shapes(t, x, layout), nuisances, layout), _pull(t, x, layout)), theta
-    )
+def linearised(theta: Leaf, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Leaf], Leaf]]:
+    """`residual`, and the derivatives (p, N) of its rows along steps (p, 6) of theta: those of the model with
+    the nuisances held, projected off all that the nuisances can adjust (Kaufman, BIT 15, 49, 1975). The
+    gradient of the sum of squares is then exact, and J^T J is the information with the nuisances
+    eliminated. Arrays of JAX, differentiated by it; or of numpy, by differences."""
+    shapes = _shapes(theta, x, layout)
+    found, nuisances, off = _eliminated(theta, shapes, x, layout)
 
-    def along(step: Array) -> Array:
-        model, pull = change(step)
-        return -off(_whiten(model, x) + pull)
+    def seen(theta: Leaf, shapes: Response) -> tuple[Leaf, ...]:
+        model = _modelled(shapes, nuisances, layout)
+        return (model, _pull(theta, x, layout)) if layout.extra else (model,)
+
+    def along(steps: Leaf) -> Leaf:
+        if module(theta) is np:
+            there = theta + DIFFERENCE * steps
+            pairs = zip(seen(there, _shapes(there, _across(x), layout)), seen(theta, shapes), strict=True)
+            model, *pull = ((moved.T - now) / DIFFERENCE for moved, now in pairs)
+        else:
+            _, change = jax.linearize(lambda t: seen(t, _shapes(t, x, layout)), theta)
+            model, *pull = jax.vmap(change)(steps)
+        return -off(sum(pull, _whiten(model, x)))
 
     return found, along
 
 
-def _shapes(theta: Array, x: Experiment, layout: Layout) -> Response:
+# of a step: a difference is right to it, and to the rounding of numbers over it
+DIFFERENCE = 1e-7
+
+
+def _across(x: Experiment) -> Experiment:
+    """What it holds of intervals and rows (M, 1) and (N, 1), for several plants."""
+    held = {k: v[:, None] if np.ndim(v) and k != "interval" else v for k, v in x.hold._asdict().items()}
+    return x._replace(hold=x.hold._replace(**held), alongside=x.alongside[:, None])
+
+
+def _shapes(theta: Leaf, x: Experiment, layout: Layout) -> Response:
     """Response to the drive, its rate and the free decay; without G where the log has a gain of its own."""
+    xp = module(theta)
     if layout.extra:
         at = Theta.of(theta)
-        tied = jnp.where(x.tied[2] > 0, x.tied[0] - at.k_T * x.tied[1], at.f0)
-        theta = jnp.stack(at._replace(f0=tied))
+        tied = xp.where(x.tied[2] > 0, x.tied[0] - at.k_T * x.tied[1], at.f0)
+        theta = xp.stack(at._replace(f0=tied), axis=-1)
     forced, rate, free = basis(theta, x.hold, layout)
-    gain = 1.0 if layout.own_gain else jnp.exp(Theta.of(theta).log_G)
+    gain = 1.0 if layout.own_gain else xp.exp(Theta.of(theta).log_G)
     forced = gain * forced + x.alongside
     if layout.own_gain and layout.amplitude:  # the size is all there is, beside a floor whose power adds
-        forced = jnp.sqrt(jnp.abs(forced) ** 2 + x.floor)
+        forced = xp.sqrt(xp.abs(forced) ** 2 + x.floor)
+    unit = xp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
+    found = Response(forced, -gain * x.lateness * rate, x.start_free * unit * free)
     # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
     # time.
-    unit = jnp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
-    return jax.lax.optimization_barrier(
-        Response(forced, -gain * x.lateness * rate, x.start_free * unit * free)
-    )
+    return found if xp is np else jax.lax.optimization_barrier(found)
 
 
-def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) -> Array:
+def _modelled(shapes: Response, nuisances: tuple[Leaf, ...], layout: Layout) -> Leaf:
     """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's
     distribution about its size beside an offset, whose level is the root of the floor."""
     turn, start, late, *amplitude = nuisances
@@ -111,76 +125,76 @@ def _modelled(shapes: Response, nuisances: tuple[Array, ...], layout: Layout) ->
     return rice.mean(w + offset, floor)
 
 
-def _eliminated(theta: Array, x: Experiment, layout: Layout):
+def _eliminated(theta: Leaf, shapes: Response, x: Experiment, layout: Layout):
     """The residual, the nuisances at their optimum, and the projection of a vector off all that the nuisances
     can adjust."""
-    shapes = _shapes(theta, x, layout)
     x = x._replace(response=x.response - _pull(theta, x, layout)) if layout.extra else x
     if layout.amplitude and not layout.own_gain:
         return _amplitude(shapes, x, layout)
     return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, x, layout)
 
 
-def _pull(theta: Array, x: Experiment, layout: Layout) -> Array:
+def _pull(theta: Leaf, x: Experiment, layout: Layout) -> Leaf:
     """(N,) what the prior of the thermometer's error, the last of the extra shapes, holds against a resonance
     of the log's own: by how much warmer the plate is, in standard deviations."""
-    at = Theta.of(theta)
-    warmer = (x.tied[0] - at.f0 - at.k_T * x.tied[1]) / jnp.where(at.k_T == 0, 1.0, at.k_T)
+    at, xp = Theta.of(theta), module(theta)
+    warmer = (x.tied[0] - at.f0 - at.k_T * x.tied[1]) / xp.where(at.k_T == 0, 1.0, at.k_T)
     row = layout.rows - layout.extra - (0 if layout.steady else 1 + layout.late)
-    return jnp.zeros(layout.rows).at[row].set(warmer * x.tied[2])
+    return xp.tensordot(1.0 * (xp.arange(layout.rows) == row), warmer * x.tied[2], axes=0)
 
 
-def _own(shapes: Response, layout: Layout) -> tuple[Array, ...]:
+def _own(shapes: Response, layout: Layout) -> tuple[Leaf, ...]:
     """The columns of a d/q log that depend on the plant as it is."""
     if layout.steady:
         return ()
     return (shapes.free, shapes.rate) if layout.late else (shapes.free,)
 
 
-def _extra(x: Experiment, layout: Layout) -> tuple[Array, ...]:
+def _extra(x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
     return tuple(x.extra[k] for k in range(layout.extra))
 
 
-def _with_extra(driven: Array, weights: Array, x: Experiment, layout: Layout) -> Array:
+def _with_extra(driven: Leaf, weights: Leaf, x: Experiment, layout: Layout) -> Leaf:
     """With what the last of the weights make of the log's own shapes."""
     return driven + weights[len(weights) - layout.extra :] @ x.extra if layout.extra else driven
 
 
-def _numbers(weights: Array, x: Experiment, layout: Layout) -> Array:
+def _numbers(weights: Leaf, x: Experiment, layout: Layout) -> Leaf:
     """(E,) of the log's own shapes, which are real in the plate's frame."""
     return (weights[len(weights) - layout.extra :] * x.toward[0].conj()).real
 
 
-def _filled(weights: Array, layout: Layout) -> tuple[Array, Array]:
+def _filled(weights: Leaf, layout: Layout) -> tuple[Leaf, Leaf]:
     """Start and lateness of the weights that `_own` was given."""
-    zero = jnp.zeros((), weights.dtype)
+    zero = module(weights).zeros((), weights.dtype)
     return (zero if layout.steady else weights[0]), (weights[1] if layout.late else zero)
 
 
 def _turned(shapes: Response, x: Experiment, layout: Layout):
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are
     two columns, whose coefficients are cos phi and sin phi."""
+    xp = module(shapes.forced)
     span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
     white = _off(_whiten(shapes.forced, x), x)
     white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.split else 1j * white
     left, shape = span.off(x.response), span.off(white)
     ahead = span.off(white_ahead) if layout.split else 1j * shape
-    turn = jnp.where(
-        x.rotated > 0, best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape), 1.0
-    )
+    turn = best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape)
+    turn = xp.where(x.rotated > 0, turn, 1.0)
     weights = _weights(span, x.response - turn.real * white - turn.imag * white_ahead, x, layout)
     nuisances = (turn, *_filled(weights, layout))
     phase = turn.real * ahead - turn.imag * shape  # what a little more rotation adds
-    share = x.rotated / jnp.maximum(jnp.sum(phase.real**2 + phase.imag**2), 1e-300)
+    squares = xp.sum(phase.real**2 + phase.imag**2)
+    share = x.rotated / xp.maximum(squares, 1e-300)
 
-    def off(v: Array) -> Array:
+    def off(v: Leaf) -> Leaf:
         v = span.off(_off(v, x))
-        return v - share * jnp.vdot(phase, v).real * phase
+        return v - (share * (v @ phase.conj()).real)[..., None] * phase
 
     driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
-    late = (nuisances[2] * jnp.conj(turn)).real
+    late = (nuisances[2] * turn.conj()).real
     rows = left - turn.real * shape - turn.imag * ahead
-    volume = span.volume + 0.5 * x.rotated * jnp.log1p(jnp.sum(phase.real**2 + phase.imag**2))
+    volume = span.volume + 0.5 * x.rotated * xp.log1p(squares)
     numbers = _numbers(weights, x, layout)
     return (
         Residual(rows, driven, nuisances[1], x.floor, late, x.offset, turn, volume, numbers),
@@ -204,18 +218,19 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
 
 def _amplitude(shapes: Response, x: Experiment, layout: Layout):
     """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    now: tuple[Array, ...] = (jnp.ones(()), x.start, x.late, x.floor, x.offset)
+    xp = module(shapes.forced)
+    now: tuple[Leaf, ...] = (xp.ones(()), x.start, x.late, x.floor, x.offset)
     if layout.steady:
         size = _modelled(shapes, now, layout)
         rows = x.response - _off(_whiten(size, x), x)
         kept = (x.start, x.floor, x.late, x.offset, now[0])
-        return Residual(rows, size, *kept, jnp.zeros(()), jnp.zeros(0)), now, lambda v: _off(v, x)
+        return Residual(rows, size, *kept, xp.zeros(()), xp.zeros(0)), now, lambda v: _off(v, x)
     now = _settled(now, shapes, x, layout)
-    span, found = _about(now, shapes, x, layout)
-    floor = jnp.where(x.floor_free > 0, found[-1] / x.tightness, x.floor)
-    rows, size = _left(now, shapes, x, layout), _modelled(shapes, now, layout)
+    size, rows, columns = _linear(now, shapes, x, layout)
+    span, found = _about(rows, columns, now, x, layout)
+    floor = xp.where(x.floor_free > 0, found[-1] / x.tightness, x.floor)
     kept = (now[1], floor, now[2], now[4], now[0])
-    return Residual(rows, size, *kept, span.volume, jnp.zeros(0)), now, span.off
+    return Residual(rows, size, *kept, span.volume, xp.zeros(0)), now, span.off
 
 
 MOST = 30  # steps to the nuisances of an amplitude log
@@ -224,147 +239,160 @@ GAIN = 1e-8  # of a sum of squares, less than which a step is not worth taking
 DAMPED = (1e-9, 1e-3, 1e9)  # of the information of each number: least, at first, and where a step is given up
 
 
-def _settled(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Array, ...]:
+def _settled(now: tuple[Leaf, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
     """Nuisances of an amplitude log at their optimum near `now`, by Marquardt's steps: the mean of Rice's
-    distribution is linear in them only nearby."""
-    start, offset, late = x.start_free > 0, x.offset_free > 0, [jnp.asarray(True)] * layout.late
-    free = jnp.stack([start, start, *late, offset, offset, x.floor_free > 0])
+    distribution is linear in them only nearby. Their damping follows from what a step gained of what it would
+    have in a linear problem (Nielsen, IMM-REP-1999-05, Technical University of Denmark, 1999)."""
+    xp = module(shapes.forced)
+    start, offset, late = x.start_free > 0, x.offset_free > 0, [xp.asarray(True)] * layout.late
+    free = xp.stack([start, start, *late, offset, offset, x.floor_free > 0])
+    least = xp.where(_last(free), LEAST * x.tightness * now[3], -xp.inf)  # of each of their values
 
-    def seen(now: tuple[Array, ...]) -> tuple[Array, Array, Array]:
-        left, columns = _left(now, shapes, x, layout), jnp.stack(_columns(now, shapes, x, layout))
+    def seen(now: tuple[Leaf, ...]) -> tuple[Leaf, Leaf, Leaf]:
+        _, left, columns = _linear(now, shapes, x, layout)
         along = columns @ x.basis.T
-        gram = columns @ columns.T - along @ along.T
-        return (
-            jnp.sum(left**2),
-            columns @ left,
-            jnp.where(free & free[:, None], gram, jnp.diag(jnp.diag(gram))),
-        )
+        return xp.sum(left**2), columns @ left, columns @ columns.T - along @ along.T
 
-    def going(state: tuple) -> Array:
-        rounds, damping, gained, _, (cost, *_) = state
+    def going(state: tuple) -> Leaf:
+        rounds, damping, _, gained, _, (cost, *_) = state
         return (rounds < MOST) & (gained > GAIN * cost) & (damping < DAMPED[2])
 
     def step(state: tuple) -> tuple:
-        rounds, damping, _, values, (cost, slope, gram) = state
-        whole = jnp.linalg.solve(gram + jnp.diag(damping * jnp.diag(gram)), slope)
-        new = values + jnp.where(free, whole, 0.0)
-        new = new.at[-1].set(jnp.maximum(new[-1], LEAST * x.tightness * now[3]))
+        rounds, damping, growth, _, values, (cost, slope, gram) = state
+        able = free & ((slope > 0) | (values > least))
+        gram_of = xp.where(able & able[:, None], gram, 0.0)
+        whole = xp.linalg.solve(gram_of + xp.diag(damping * xp.diag(gram)), xp.where(able, slope, 0.0))
+        whole = xp.maximum(whole, least - values)
+        new = values + whole
         there = seen(_unpacked(new, now, x, layout))
-        better = there[0] < cost
-        kept = jax.tree.map(lambda a, b: jnp.where(better, a, b), (new, there), (values, (cost, slope, gram)))
-        gained = jnp.where(better, cost - there[0], jnp.where(free, whole, 0.0) @ slope)
-        return rounds + 1, jnp.maximum(damping * jnp.where(better, 0.1, 10.0), DAMPED[0]), gained, *kept
+        better, foreseen = there[0] < cost, whole @ (2 * slope - gram_of @ whole)
+        less = 1 - (2 * (cost - there[0]) / xp.maximum(foreseen, 1e-300) - 1) ** 3
+        damping = damping * xp.where(better, xp.maximum(0.1, less), growth)
+        growth = xp.where(better, 2.0, 2 * growth)
+        kept = jax.tree.map(lambda a, b: xp.where(better, a, b), (new, there), (values, (cost, slope, gram)))
+        gained = xp.where(better, cost - there[0], xp.abs(foreseen))
+        return rounds + 1, xp.maximum(damping, DAMPED[0]), growth, gained, *kept
 
-    begun = (0, jnp.asarray(DAMPED[1]), jnp.asarray(jnp.inf), _packed(now, x, layout), seen(now))
-    return _unpacked(jax.lax.while_loop(going, step, begun)[3], now, x, layout)
+    begun = (0, *map(xp.asarray, (DAMPED[1], 2.0, xp.inf)))
+    state = (*begun, _packed(now, x, layout), seen(now))
+    if xp is jnp:
+        return _unpacked(jax.lax.while_loop(going, step, state)[4], now, x, layout)
+    while going(state):
+        state = step(state)
+    return _unpacked(state[4], now, x, layout)
 
 
-def _packed(now: tuple[Array, ...], x: Experiment, layout: Layout) -> Array:
+def _last(values: Leaf) -> Leaf:
+    """Which of these is the last, the floor's."""
+    return module(values).arange(len(values)) == len(values) - 1
+
+
+def _packed(now: tuple[Leaf, ...], x: Experiment, layout: Layout) -> Leaf:
     """The nuisances of a transient's amplitude in units of their priors over their tightness."""
     _, start, late, floor, offset = now
-    offset = offset / jnp.where(x.offset_free > 0, x.offset_free, 1.0)
+    xp = module(floor)
+    offset = offset / xp.where(x.offset_free > 0, x.offset_free, 1.0)
     values = [start.real, start.imag, *[late] * layout.late, offset.real, offset.imag, x.tightness * floor]
-    return jnp.stack(values)
+    return xp.stack(values)
 
 
-def _unpacked(values: Array, now: tuple[Array, ...], x: Experiment, layout: Layout) -> tuple[Array, ...]:
+def _unpacked(values: Leaf, now: tuple[Leaf, ...], x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
     """The nuisances by their `_packed` values, but for those that are held."""
-    start = jnp.where(x.start_free > 0, values[0] + 1j * values[1], now[1])
+    xp = module(values)
+    start = xp.where(x.start_free > 0, values[0] + 1j * values[1], now[1])
     late = values[2] if layout.late else now[2]
-    offset = jnp.where(x.offset_free > 0, x.offset_free * (values[-3] + 1j * values[-2]), now[4])
-    floor = jnp.where(x.floor_free > 0, values[-1] / x.tightness, now[3])
+    offset = xp.where(x.offset_free > 0, x.offset_free * (values[-3] + 1j * values[-2]), now[4])
+    floor = xp.where(x.floor_free > 0, values[-1] / x.tightness, now[3])
     return now[0], start, late, floor, offset
 
 
-def _left(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> Array:
-    """Whitened residual of a transient's amplitude, with a row for the prior of each nuisance."""
-    values = _packed(now, x, layout)
-    values = values.at[-1].multiply(x.floor_free)
-    rows = _off(x.response - _whiten(_modelled(shapes, now, layout), x), x)
-    return rows.at[-len(values) :].add(-x.tightness * values[::-1])
+def _loose(values: Leaf, x: Experiment) -> Leaf:
+    """The nuisances by their `_packed` values as their prior holds them: not a floor that is not free."""
+    return module(values).where(_last(values), x.floor_free * values, values)
 
 
-def _columns(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> list[Array]:
-    """What a little more of each of the `_packed` nuisances adds to a transient's amplitude, whitened; of the
-    floor as if it were free."""
+def _linear(
+    now: tuple[Leaf, ...], shapes: Response, x: Experiment, layout: Layout
+) -> tuple[Leaf, Leaf, Leaf]:
+    """A transient's mean amplitude (N,); its whitened residual (N,), with a row for the prior of each of the
+    `_packed` nuisances; and what a little more of each adds (K, N), whitened, of the floor as if it were
+    free."""
     plate = _modelled(shapes, now[:3], layout) + now[4]
-    towards = rice.towards(plate, now[3])
-    along, held = towards * shapes.free, towards * x.offset_free
+    size, towards, by_floor = rice.linear(plate, now[3])
+    along, held, xp = towards * shapes.free, towards * x.offset_free, module(plate)
     late = [(towards * shapes.rate).real] if layout.late else []
-    own = [along.real, -along.imag, *late, held.real, -held.imag, rice.by_floor(plate, now[3]) / x.tightness]
-    return [_whitened(c, i, x) for i, c in enumerate(own)]
+    own = xp.stack([along.real, -along.imag, *late, held.real, -held.imag, by_floor / x.tightness])
+    priors = x.tightness * _priors(len(own), layout, xp)
+    left = _off(x.response - _whiten(size, x), x) - _loose(_packed(now, x, layout), x) @ priors
+    return size, left, _whiten(own, x) + priors
 
 
-def _about(now: tuple[Array, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Span, Array]:
-    """What the nuisances of a transient's amplitude can make, linear about their values `now`; and what they
-    are at best."""
-    columns = [_off(_off(c, x), x) for c in _columns(now, shapes, x, layout)]  # twice is enough
-    span = Span(columns)
+def _about(
+    left: Leaf, columns: Leaf, now: tuple[Leaf, ...], x: Experiment, layout: Layout
+) -> tuple[Span, Leaf]:
+    """What the nuisances of a transient's amplitude can make, `_linear` about their values `now`; and what
+    they are at best."""
+    columns = _off(_off(columns, x), x)  # twice is enough
+    span = Span(list(columns))
     # A floor that would be below zero is held there: it has its share of the volume, and makes nothing.
     unit, made_of = span.units[-1]
     span.units[-1] = x.floor_free * unit, made_of
-    free = _packed(now, x, layout).at[-1].multiply(x.floor_free)
-    return span, span.weights(_left(now, shapes, x, layout) + free @ jnp.stack(columns))
+    free = _loose(_packed(now, x, layout), x)
+    return span, span.weights(left + free @ columns)
 
 
-def _held(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
-    """A whitened column with the row of its prior, off the columns that do not depend on the plant."""
-    return _off(_off(_whitened(column, i, x, turn), x), x)  # twice is enough
+def _span(columns: Sequence[Leaf], x: Experiment, layout: Layout) -> Span:
+    """What columns can make, whitened, each with the row of its prior, off the columns that do not depend on
+    the plant; with complex coefficients or, where these are split, with real ones of each and of j times
+    it."""
+    if not columns:
+        return Span(())
+    xp = module(x.now)
+    made, prior = xp.stack(columns), _priors(len(columns), layout, xp)
+    if layout.split:
+        made = (_turns(len(columns), x, layout)[..., None] * made[:, None]).reshape(-1, layout.rows)
+        prior = (xp.array([[1.0], [1j]]) * prior[:, None]).reshape(-1, layout.rows)
+    held = _off(_off(_whiten(made, x) + x.tightness * prior, x), x)  # twice is enough
+    return Span(list(held), real=layout.split)
 
 
-def _whitened(column: Array, i: int, x: Experiment, turn: complex = 1.0) -> Array:
-    """A whitened column with the row of its prior, the last but `i`. `turn`: by what the column is turned,
-    and its prior with it."""
-    prior = (jnp.arange(len(column)) == len(column) - 1 - i).astype(column.dtype)
-    prior = prior if turn == 1.0 else turn * prior
-    return _whiten(column, x) + x.tightness * prior
+def _priors(count: int, layout: Layout, xp: Any) -> Leaf:
+    """(K, N) the row of each one's prior: the first one's is the last."""
+    return xp.eye(count, layout.rows)[:, ::-1]
 
 
-def _span(columns: Sequence[Array], x: Experiment, layout: Layout) -> Span:
-    """What columns can make, with complex coefficients; where these are split, with real ones of each and of
-    j times it."""
-    if not layout.split:
-        return Span([_held(c, i, x) for i, c in enumerate(columns)])
-    turns = _turns(len(columns), x, layout)
-    return Span(
-        [_held(turns[i, k] * c, i, x, (1.0, 1j)[k]) for i, c in enumerate(columns) for k in range(2)],
-        real=True,
-    )
-
-
-def _turns(columns: int, x: Experiment, layout: Layout) -> Array:
+def _turns(columns: int, x: Experiment, layout: Layout) -> Leaf:
     """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. Those
     of the log's own shapes are real in the plate's frame."""
-    turns = jnp.tile(jnp.array([1.0, 1j]), (columns, 1))
-    turns = turns.at[LATE].set(x.toward) if layout.late else turns
-    return (
-        turns.at[columns - layout.extra :].set(x.toward[0] * jnp.array([1.0, 1j * REAL]))
-        if layout.extra
-        else turns
-    )
+    xp = module(x.toward)
+    turns = columns * [xp.asarray([1.0, 1j])]
+    if layout.late:
+        turns[LATE] = x.toward
+    turns[columns - layout.extra :] = layout.extra * [x.toward[0] * xp.asarray([1.0, 1j * REAL])]
+    return xp.array(turns).reshape(columns, 2)
 
 
-def _weights(span: Span, v: Array, x: Experiment, layout: Layout) -> Array:
+def _weights(span: Span, v: Leaf, x: Experiment, layout: Layout) -> Leaf:
     """Complex coefficients of the columns of `_span` in `v`."""
     found = span.weights(v)
-    return (
-        jnp.sum(found.reshape(-1, 2) * _turns(len(found) // 2, x, layout), axis=1) if layout.split else found
-    )
+    if not layout.split:
+        return found
+    return (found.reshape(-1, 2) * _turns(len(found) // 2, x, layout)).sum(axis=1)
 
 
-def _whiten(v: Array, x: Experiment) -> Array:
-    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid);
-    padding is zero."""
-    return times(x.now, v) - times(x.before, jnp.concatenate([jnp.zeros_like(v[:1]), v[:-1]]))
+def _whiten(v: Leaf, x: Experiment) -> Leaf:
+    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid), of
+    vectors (..., N); padding is zero."""
+    before = module(v).concatenate([0.0 * v[..., :1], v[..., :-1]], axis=-1)
+    return times(x.now, v) - times(x.before, before)
 
 
-def _off(v: Array, x: Experiment) -> Array:
-    """`v` less its part in the span of the columns that do not depend on the plant."""
-    along = jnp.sum(
-        times(x.basis, v), axis=1
-    )  # a sum, not a matrix product: several times faster for a handful of columns
-    made = times(x.basis, along[:, None]) if jnp.iscomplexobj(x.basis) else along[:, None] * x.basis
-    return v - jnp.sum(made, axis=0)
+def _off(v: Leaf, x: Experiment) -> Leaf:
+    """Vectors (..., N) less their part in the span of the columns that do not depend on the plant."""
+    # sums, not matrix products: several times faster for a handful of columns
+    along = times(x.basis, v[..., None, :]).sum(axis=-1)[..., None]
+    made = times(x.basis, along) if module(v).iscomplexobj(x.basis) else along * x.basis
+    return v - made.sum(axis=-2)
 
 
 def density(

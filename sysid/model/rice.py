@@ -28,17 +28,24 @@ def mean(plate: Any, floor: Any) -> Any:
     return (square + floor * _lifted(square / floor)[0]) ** 0.5
 
 
-def towards(plate: Any, floor: Any) -> Any:
-    """(n,) t: a small change z of the plate's response shows as Re t z in the mean amplitude."""
+def linear(plate: Any, floor: Any) -> tuple[Any, Any, Any]:
+    """(n,) the mean amplitude; t, by which a small change z of the plate's response shows in it as Re t z;
+    and its derivative by the floor."""
     square = plate.real**2 + plate.imag**2
-    return plate.conj() * (1 + _lifted(square / floor)[1]) / mean(plate, floor)
+    u = square / floor
+    lifted, slope = _lifted(u)
+    size = (square + floor * lifted) ** 0.5
+    return size, plate.conj() * (1 + slope) / size, 0.5 * (lifted - u * slope) / size
+
+
+def towards(plate: Any, floor: Any) -> Any:
+    """(n,) t of `linear`."""
+    return linear(plate, floor)[1]
 
 
 def by_floor(plate: Any, floor: Any) -> Any:
     """(n,) derivative of the mean amplitude by the floor."""
-    u = (plate.real**2 + plate.imag**2) / floor
-    lifted, slope = _lifted(u)
-    return 0.5 * (lifted - u * slope) / mean(plate, floor)
+    return linear(plate, floor)[2]
 
 
 def spread(mean: np.ndarray) -> np.ndarray:

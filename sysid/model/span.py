@@ -1,11 +1,10 @@
 """Least squares over a few columns, with complex or real coefficients; and over an angle."""
 
 from collections.abc import Sequence
+from types import ModuleType
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from sysid.rows.hold import Leaf
 
@@ -13,6 +12,11 @@ REAL = 1e-3  # share of the prior of a real coefficient that its imaginary part 
 ANGLES = 32  # at which a rotation is tried before Newton's method
 TRIED = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
 NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
+
+
+def module(array: Leaf) -> ModuleType:
+    """numpy or jax.numpy, whichever the array is of."""
+    return np if isinstance(array, (np.ndarray, np.generic)) else jnp
 
 
 def times(a: Leaf, v: Leaf) -> Leaf:
@@ -35,59 +39,61 @@ def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
 class Span:
     """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the
     columns. `real`: with real coefficients, of complex columns too. `volume`: half the logarithm of the
-    determinant of the coefficients' information.
+    determinant of the coefficients' information. Vectors may be several, (..., N).
     """
 
-    def __init__(self, columns: Sequence[Array], real: bool = False):
-        self.units: list[tuple[Array, Array]] = []
-        self.real, self.volume = real, jnp.zeros(())
+    def __init__(self, columns: Sequence[Leaf], real: bool = False):
+        self.units: list[tuple[Leaf, Leaf]] = []
+        self.real, self.volume = real, 0.0
         for i, unit in enumerate(columns):
-            made_of = jnp.eye(len(columns), dtype=unit.real.dtype if real else unit.dtype)[i]
+            xp = module(unit)
+            made_of = xp.eye(len(columns), dtype=unit.real.dtype if real else unit.dtype)[i]
             for other, weights in 2 * self.units:
                 along = self._along(other, unit)
                 unit, made_of = unit - along * other, made_of - along * weights
-            size = jnp.sqrt(jnp.vdot(unit, unit).real)
+            size = xp.sqrt(xp.vdot(unit, unit).real)
             self.units.append((unit / size, made_of / size))
-            self.volume += (1 if real else 2) * jnp.log(size)
+            self.volume = self.volume + (1 if real else 2) * xp.log(size)
 
-    def off(self, v: Array) -> Array:
+    def off(self, v: Leaf) -> Leaf:
         for unit, _ in self.units:
-            v = v - self._along(unit, v) * unit
+            v = v - self._along(unit, v)[..., None] * unit
         return v
 
-    def weights(self, v: Array) -> Array:
+    def weights(self, v: Leaf) -> Leaf:
         """Least-squares weights of the columns in `v`."""
-        return sum(
-            (self._along(unit, v) * made_of for unit, made_of in self.units), jnp.zeros(len(self.units))
-        )
+        none = module(v).zeros(len(self.units))
+        return sum((self._along(unit, v) * made_of for unit, made_of in self.units), none)
 
-    def _along(self, unit: Array, v: Array) -> Array:
-        along = jnp.vdot(unit, v)
+    def _along(self, unit: Leaf, v: Leaf) -> Leaf:
+        along = v @ unit.conj()
         return along.real if self.real else along
 
 
-def turn_towards(left: Array, shape: Array) -> Array:
+def turn_towards(left: Leaf, shape: Leaf) -> Leaf:
     """e^{j phi} that makes |left - e^{j phi} shape|^2 smallest; 1 where they have nothing in common."""
-    overlap = jnp.vdot(shape, left)
-    safe = jnp.where(overlap == 0, 1.0, overlap)
-    return safe / jnp.hypot(safe.real, safe.imag)
+    xp = module(left)
+    overlap = xp.vdot(shape, left)
+    safe = xp.where(overlap == 0, 1.0, overlap)
+    return safe / xp.hypot(safe.real, safe.imag)
 
 
-def best_turn(left: Array, shape: Array, ahead: Array) -> Array:
+def best_turn(left: Leaf, shape: Leaf, ahead: Leaf) -> Leaf:
     """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then
     Newton's method, whose steps turn by 2 atan(step/2), so that no sine is compiled."""
-    p, q = (jnp.vdot(v, left).real for v in (shape, ahead))
-    a, b, d = (jnp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
-    c, s = jnp.array(TRIED.real), jnp.array(TRIED.imag)
-    best = jnp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)
-    turn = jnp.array(TRIED)[best]
+    xp = module(left)
+    p, q = (xp.vdot(v, left).real for v in (shape, ahead))
+    a, b, d = (xp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
+    c, s = xp.asarray(TRIED.real), xp.asarray(TRIED.imag)
+    best = xp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)
+    c, s = c[best], s[best]
     for _ in range(NEWTON):
-        c, s = turn.real, turn.imag
         slope = (d - a) * c * s + b * (c**2 - s**2) + p * s - q * c
         bend = (d - a) * (c**2 - s**2) - 4 * b * c * s + p * c + q * s
-        half = -0.5 * jnp.where(bend > 0, slope / jnp.where(bend > 0, bend, 1.0), 0.0)
-        turn = turn * jax.lax.complex(1 - half**2, 2 * half) / (1 + half**2)
-    return turn
+        half = -0.5 * xp.where(bend > 0, slope / xp.where(bend > 0, bend, 1.0), 0.0)
+        less, more = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
+        c, s = less * c - more * s, less * s + more * c
+    return c + 1j * s
 
 
 def inverted(gram: np.ndarray) -> np.ndarray:

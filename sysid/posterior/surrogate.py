@@ -19,8 +19,8 @@ from sysid.minimum.minimise import State
 from sysid.model.experiment import Experiment, Groups, Layout
 from sysid.model.likelihood import density, residual
 from sysid.model.theta import NAMES
-from sysid.precision import compiled, makes_beside
-from sysid.trials.experiment import group, stacks
+from sysid.precision import SLOW, compiled, makes_beside
+from sysid.trials.experiment import each, group, stacks
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
 # points at which the polynomial is compared; it is made from twice as many as it has coefficients
@@ -28,6 +28,7 @@ CHECKS = 32
 FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
 BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
 LARGEST = 1 << 18  # rows times points that are evaluated together, above which memory is what it waits for
+FEW = 8  # logs, of which numpy has done the hundred points of a polynomial before a program is compiled
 MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred points of them are a gigabyte
 
 
@@ -43,15 +44,30 @@ def _rows(thetas, layout, x):
     return jax.vmap(one)(thetas)
 
 
+@np.errstate(all="ignore")  # a point where the density is not finite has none
+def _plainly(thetas: np.ndarray, layout: Layout, x: Experiment) -> tuple[np.ndarray, np.ndarray]:
+    """The same with numpy."""
+    logs = each(x)
+    found = [[residual(theta, log, layout) for log in logs] for theta in thetas]
+    rows, volumes = ([[getattr(r, name) for r in row] for row in found] for name in ("rows", "volume"))
+    return np.array(rows), np.array(volumes)
+
+
 def prepare(state: State, reference: tuple[float, float]) -> None:
     """Start making the program of the density about a minimum in the background."""
     if not makes_beside():
         return
     groups, _ = group(state.trials, reference, low_q=state.low_q)
     thetas = np.zeros((_batch(groups), len(NAMES)))
-    for layout, x in groups:
+    for layout, x in groups if not _by_numpy(groups) else ():
         for stack in stacks(x):
             _rows.prepare(thetas, layout, stack)
+
+
+def _by_numpy(groups: Groups) -> bool:
+    """Whether numpy makes a polynomial before a program for it would be compiled."""
+    logs = sum(len(x.response) for _, x in groups)
+    return logs <= FEW and max(layout.rows for layout, _ in groups) < SLOW
 
 
 def _batch(groups: Groups) -> int:
@@ -71,6 +87,7 @@ class Density:
         self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf
     ):
         self.theta, self.smooth, self.error, self.until, self.pace = theta, smooth, 0.0, until, 0.0
+        self.plain = smooth and _by_numpy(groups)
         self.groups, self.batch = groups, _batch(groups)
         self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
         self.volumes: list[np.ndarray] = []  # (coefficients, logs) of each group
@@ -98,7 +115,7 @@ class Density:
             [np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products], [v[n:] for v in volumes]
         )
         self.error = float(np.max(np.abs(self._polynomial(checks) - exact)))
-        self.smooth = bool(self.error <= FAITHFUL)
+        self.smooth = self.plain = bool(self.error <= FAITHFUL)
 
     def _polynomial(self, z: np.ndarray) -> np.ndarray:
         m = _monomials(z)
@@ -145,7 +162,7 @@ class Density:
         for part in full.reshape(-1, self.batch, full.shape[1]):
             if (begun := perf_counter()) > self.until:
                 raise TimeoutError
-            found = [_of_group(part, layout, x) for layout, x in groups]
+            found = [_of_group(part, layout, x, self.plain) for layout, x in groups]
             self.pace = (
                 perf_counter() - begun
             ) / self.batch  # the last is right: the first also loads the program
@@ -155,9 +172,11 @@ class Density:
         return _finite(density(squares, volumes, [x for _, x in self.groups], np))
 
 
-def _of_group(thetas: np.ndarray, layout: Layout, x: Experiment) -> tuple[np.ndarray, np.ndarray]:
-    """What `_rows` finds of all logs of a group, real and imaginary parts side by side."""
-    found = [_rows(thetas, layout, stack) for stack in stacks(x)]
+def _of_group(
+    thetas: np.ndarray, layout: Layout, x: Experiment, plain: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """What is found of all logs of a group, real and imaginary parts side by side."""
+    found = [_plainly(thetas, layout, x)] if plain else [_rows(thetas, layout, stack) for stack in stacks(x)]
     rows, volumes = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
     return rows.view(float), volumes
 

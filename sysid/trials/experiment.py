@@ -45,6 +45,12 @@ def group(
     return tuple(groups), members
 
 
+def each(x: Experiment) -> list[Experiment]:
+    """The logs of a group, one by one."""
+    hold = [Hold(*leaves) for leaves in zip(*x.hold, strict=True)]
+    return [Experiment(*leaves) for leaves in zip(hold, *x[1:], strict=True)]
+
+
 def stacks(x: Experiment) -> list[Experiment]:
     """The logs of a group in stacks of 16, 4 or 1, say: so that as few programs as possible serve any number
     of logs."""
