@@ -1,6 +1,8 @@
 """A value that one reading decides is none: of a sweep in coarse steps one point shows the peak, and none
 whether it is right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import reference
@@ -116,3 +118,14 @@ def test_what_is_left_without_a_reading_is_what_a_fit_without_it_has(amplitude):
     for i, view in enumerate(views):
         for row in range(0, len(view.residual), 3):
             np.testing.assert_allclose(grown[i][row], variances(row, i) / variances(0, -1), rtol=1e-5)
+
+
+def test_what_a_drive_would_leave_to_one_reading_is_not_told_without_one():
+    """The noise of so few rows may go with the response, as a periodogram's, or be alike in all of them."""
+    told = 0
+    for seed in range(30):
+        log = swept(1.5, seed, rows=11, noise=0.02)
+        driven, alone = (sysid.fit([x]).parameters["tau"] for x in (log, replace(log, drive=None)))
+        assert driven.determined or not alone.determined, seed
+        told += alone.determined
+    assert told > 10

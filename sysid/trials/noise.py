@@ -252,6 +252,13 @@ def apart_in_colour(residual: np.ndarray, clock: np.ndarray) -> float:
     return q / d if worth and 1 / MOST_APART < q / d < MOST_APART else 1.0
 
 
+def goes_with(residual: np.ndarray, size: np.ndarray) -> float:
+    """The log-likelihood by which noise that is proportional to the response's `size` (n,) is likelier than
+    one that is alike in all rows."""
+    even, own = (0.5 * len(size) * np.log(np.mean(x**2)) for x in (residual, residual / size))
+    return float(even - own - np.sum(np.log(size)))
+
+
 def proportional(
     residual: np.ndarray, size: np.ndarray, least: np.ndarray, known: bool, usual: float = 0.0
 ) -> float:

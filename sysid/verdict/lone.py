@@ -14,12 +14,14 @@ the parameter to be determined.
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
 from sysid.minimum.minimise import State
 from sysid.model.theta import NAMES, POSITIVE, carried
-from sysid.trials.trial import Trial
+from sysid.trials.noise import ODD, goes_with
+from sysid.trials.trial import Trial, with_noise
 from sysid.verdict import identify
 from sysid.verdict.linearised import LinearisedLog
 
@@ -42,7 +44,8 @@ def resting(
     told = [n for n in free if _error(state, n, reference, at) <= _limit(state, n)]
     if not told or not state.converged or all(t.silent for t in state.trials):
         return {}
-    views = [_on_a_floor(view) for view in views or LinearisedLog.each(state, reference)]
+    each = views or LinearisedLog.each(state, reference)
+    views = [_on_a_floor(_in_even_noise(view, state)) for view in each]
     shown = np.stack([_along(n, reference, at) for n in told])
     grown, errors = _without_one(views, shown, [NAMES.index(n) for n in free])
     said = {}
@@ -56,6 +59,20 @@ def resting(
                 name, trial, int(np.arange(len(trial.log))[trial.noise.used][row]), state, reference
             )
     return said
+
+
+def _in_even_noise(view: LinearisedLog, state: State) -> LinearisedLog:
+    """A sweep of which no drive is recorded in noise that is alike in all rows, where it was only taken for
+    one that scatters as it is large, as a mean of periodograms does: so it is with a drive."""
+    trial = view.trial
+    if not (trial.undriven_sweep and trial.noise.share) or trial.noise.stated is not None:
+        return view
+    left, size = np.abs(view.residual), np.abs(view.model)
+    if goes_with(left, size / trial.scale) > ODD:
+        return view
+    noise = replace(trial.noise, share=0.0, spread=None)
+    even = with_noise(trial.in_noise(noise), float(np.sqrt(np.mean(left**2))), 0.0)
+    return LinearisedLog(even, view.model, state, view.reference)
 
 
 def _on_a_floor(view: LinearisedLog) -> LinearisedLog:
