@@ -1,9 +1,10 @@
 """What the likelihood is told of a log: arrays and the layout of its program."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from sysid.model import rice
 from sysid.model.plant import Response, respond, steady
-from sysid.model.span import module
+from sysid.model.span import module, times
 from sysid.model.theta import PLANT, Theta
 from sysid.rows.hold import Hold, Leaf
 
@@ -107,6 +108,38 @@ def basis(theta: Leaf, hold: Hold, layout: Layout) -> Response:
     return respond(
         tau, detuning, hold, layout.both_modes, layout.carrier, layout.amplitude, layout.order, xp=xp
     )
+
+
+def modelled(shapes: Response, nuisances: tuple[Leaf, ...], layout: Layout) -> Leaf:
+    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's
+    distribution about its size beside an offset, whose level is the root of the floor."""
+    turn, start, late, *amplitude = nuisances
+    w = turn * shapes.forced + start * shapes.free
+    w = w + late * shapes.rate if layout.late else w
+    if not amplitude:
+        return w
+    floor, offset = amplitude
+    return rice.mean(w + offset, floor)
+
+
+def priors(count: int, layout: Layout, xp: Any) -> Leaf:
+    """(K, N) the row of each one's prior: the first one's is the last."""
+    return xp.eye(count, layout.rows)[:, ::-1]
+
+
+def whiten(v: Leaf, x: Experiment) -> Leaf:
+    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid), of
+    vectors (..., N); padding is zero."""
+    before = module(v).concatenate([0.0 * v[..., :1], v[..., :-1]], axis=-1)
+    return times(x.now, v) - times(x.before, before)
+
+
+def off(v: Leaf, x: Experiment) -> Leaf:
+    """Vectors (..., N) less their part in the span of the columns that do not depend on the plant."""
+    # sums, not matrix products: several times faster for a handful of columns
+    along = times(x.basis, v[..., None, :]).sum(axis=-1)[..., None]
+    made = times(x.basis, along) if module(v).iscomplexobj(x.basis) else along * x.basis
+    return v - made.sum(axis=-2)
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]

@@ -41,10 +41,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from sysid.model import rice
-from sysid.model.experiment import Experiment, Layout, Residual, basis
+from sysid.model.amplitude import amplitude
+from sysid.model.experiment import Experiment, Layout, Residual, basis, modelled, off, priors, whiten
 from sysid.model.plant import Response
-from sysid.model.span import REAL, Span, best_turn, module, times, turn_towards
+from sysid.model.span import REAL, Span, best_turn, module, turn_towards
 from sysid.model.theta import Theta
 from sysid.rows.hold import Leaf
 
@@ -65,10 +65,10 @@ def linearised(theta: Leaf, x: Experiment, layout: Layout) -> tuple[Residual, Ca
     gradient of the sum of squares is then exact, and J^T J is the information with the nuisances
     eliminated. Arrays of JAX, differentiated by it; or of numpy, by differences."""
     shapes = _shapes(theta, x, layout)
-    found, nuisances, off = _eliminated(theta, shapes, x, layout)
+    found, nuisances, unexplained = _eliminated(theta, shapes, x, layout)
 
     def seen(theta: Leaf, shapes: Response) -> tuple[Leaf, ...]:
-        model = _modelled(shapes, nuisances, layout)
+        model = modelled(shapes, nuisances, layout)
         return (model, _pull(theta, x, layout)) if layout.extra else (model,)
 
     def along(steps: Leaf) -> Leaf:
@@ -79,7 +79,7 @@ def linearised(theta: Leaf, x: Experiment, layout: Layout) -> tuple[Residual, Ca
         else:
             _, change = jax.linearize(lambda t: seen(t, _shapes(t, x, layout)), theta)
             model, *pull = jax.vmap(change)(steps)
-        return -off(sum(pull, _whiten(model, x)))
+        return -unexplained(sum(pull, whiten(model, x)))
 
     return found, along
 
@@ -113,24 +113,12 @@ def _shapes(theta: Leaf, x: Experiment, layout: Layout) -> Response:
     return found if xp is np else jax.lax.optimization_barrier(found)
 
 
-def _modelled(shapes: Response, nuisances: tuple[Leaf, ...], layout: Layout) -> Leaf:
-    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's
-    distribution about its size beside an offset, whose level is the root of the floor."""
-    turn, start, late, *amplitude = nuisances
-    w = turn * shapes.forced + start * shapes.free
-    w = w + late * shapes.rate if layout.late else w
-    if not amplitude:
-        return w
-    floor, offset = amplitude
-    return rice.mean(w + offset, floor)
-
-
 def _eliminated(theta: Leaf, shapes: Response, x: Experiment, layout: Layout):
     """The residual, the nuisances at their optimum, and the projection of a vector off all that the nuisances
     can adjust."""
     x = x._replace(response=x.response - _pull(theta, x, layout)) if layout.extra else x
     if layout.amplitude and not layout.own_gain:
-        return _amplitude(shapes, x, layout)
+        return amplitude(shapes, x, layout)
     return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, x, layout)
 
 
@@ -175,8 +163,8 @@ def _turned(shapes: Response, x: Experiment, layout: Layout):
     two columns, whose coefficients are cos phi and sin phi."""
     xp = module(shapes.forced)
     span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
-    white = _off(_whiten(shapes.forced, x), x)
-    white_ahead = _off(_whiten(1j * shapes.forced, x), x) if layout.split else 1j * white
+    white = off(whiten(shapes.forced, x), x)
+    white_ahead = off(whiten(1j * shapes.forced, x), x) if layout.split else 1j * white
     left, shape = span.off(x.response), span.off(white)
     ahead = span.off(white_ahead) if layout.split else 1j * shape
     turn = best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape)
@@ -187,11 +175,11 @@ def _turned(shapes: Response, x: Experiment, layout: Layout):
     squares = xp.sum(phase.real**2 + phase.imag**2)
     share = x.rotated / xp.maximum(squares, 1e-300)
 
-    def off(v: Leaf) -> Leaf:
-        v = span.off(_off(v, x))
+    def unexplained(v: Leaf) -> Leaf:
+        v = span.off(off(v, x))
         return v - (share * (v @ phase.conj()).real)[..., None] * phase
 
-    driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
+    driven = _with_extra(modelled(shapes, nuisances, layout), weights, x, layout)
     late = (nuisances[2] * turn.conj()).real
     rows = left - turn.real * shape - turn.imag * ahead
     volume = span.volume + 0.5 * x.rotated * xp.log1p(squares)
@@ -199,7 +187,7 @@ def _turned(shapes: Response, x: Experiment, layout: Layout):
     return (
         Residual(rows, driven, nuisances[1], x.floor, late, x.offset, turn, volume, numbers),
         nuisances,
-        off,
+        unexplained,
     )
 
 
@@ -208,137 +196,12 @@ def _own_gain(shapes: Response, x: Experiment, layout: Layout):
     span = _span((shapes.forced, *_extra(x, layout)), x, layout)
     weights = _weights(span, x.response, x, layout)
     nuisances = (weights[0], *_filled(weights[1:], layout))
-    driven = _with_extra(_modelled(shapes, nuisances, layout), weights, x, layout)
+    driven = _with_extra(modelled(shapes, nuisances, layout), weights, x, layout)
     numbers = _numbers(weights, x, layout)
     found = Residual(
         span.off(x.response), driven, x.start, x.floor, x.late, x.offset, weights[0], span.volume, numbers
     )
-    return found, nuisances, lambda v: span.off(_off(v, x))
-
-
-def _amplitude(shapes: Response, x: Experiment, layout: Layout):
-    """An amplitude log, the nuisances of a transient at their optimum near their present values."""
-    xp = module(shapes.forced)
-    now: tuple[Leaf, ...] = (xp.ones(()), x.start, x.late, x.floor, x.offset)
-    if layout.steady:
-        size = _modelled(shapes, now, layout)
-        rows = x.response - _off(_whiten(size, x), x)
-        kept = (x.start, x.floor, x.late, x.offset, now[0])
-        return Residual(rows, size, *kept, xp.zeros(()), xp.zeros(0)), now, lambda v: _off(v, x)
-    now = _settled(now, shapes, x, layout)
-    size, rows, columns = _linear(now, shapes, x, layout)
-    span, found = _about(rows, columns, now, x, layout)
-    floor = xp.where(x.floor_free > 0, found[-1] / x.tightness, x.floor)
-    kept = (now[1], floor, now[2], now[4], now[0])
-    return Residual(rows, size, *kept, span.volume, xp.zeros(0)), now, span.off
-
-
-MOST = 30  # steps to the nuisances of an amplitude log
-LEAST = 0.1  # of its floor that the steps of one look leave
-GAIN = 1e-8  # of a sum of squares, less than which a step is not worth taking
-DAMPED = (1e-9, 1e-3, 1e9)  # of the information of each number: least, at first, and where a step is given up
-
-
-def _settled(now: tuple[Leaf, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
-    """Nuisances of an amplitude log at their optimum near `now`, by Marquardt's steps: the mean of Rice's
-    distribution is linear in them only nearby. Their damping follows from what a step gained of what it would
-    have in a linear problem (Nielsen, IMM-REP-1999-05, Technical University of Denmark, 1999)."""
-    xp = module(shapes.forced)
-    start, offset, late = x.start_free > 0, x.offset_free > 0, [xp.asarray(True)] * layout.late
-    free = xp.stack([start, start, *late, offset, offset, x.floor_free > 0])
-    least = xp.where(_last(free), LEAST * x.tightness * now[3], -xp.inf)  # of each of their values
-
-    def seen(now: tuple[Leaf, ...]) -> tuple[Leaf, Leaf, Leaf]:
-        _, left, columns = _linear(now, shapes, x, layout)
-        along = columns @ x.basis.T
-        return xp.sum(left**2), columns @ left, columns @ columns.T - along @ along.T
-
-    def going(state: tuple) -> Leaf:
-        rounds, damping, _, gained, _, (cost, *_) = state
-        return (rounds < MOST) & (gained > GAIN * cost) & (damping < DAMPED[2])
-
-    def step(state: tuple) -> tuple:
-        rounds, damping, growth, _, values, (cost, slope, gram) = state
-        able = free & ((slope > 0) | (values > least))
-        gram_of = xp.where(able & able[:, None], gram, 0.0)
-        whole = xp.linalg.solve(gram_of + xp.diag(damping * xp.diag(gram)), xp.where(able, slope, 0.0))
-        whole = xp.maximum(whole, least - values)
-        new = values + whole
-        there = seen(_unpacked(new, now, x, layout))
-        better, foreseen = there[0] < cost, whole @ (2 * slope - gram_of @ whole)
-        less = 1 - (2 * (cost - there[0]) / xp.maximum(foreseen, 1e-300) - 1) ** 3
-        damping = damping * xp.where(better, xp.maximum(0.1, less), growth)
-        growth = xp.where(better, 2.0, 2 * growth)
-        kept = jax.tree.map(lambda a, b: xp.where(better, a, b), (new, there), (values, (cost, slope, gram)))
-        gained = xp.where(better, cost - there[0], xp.abs(foreseen))
-        return rounds + 1, xp.maximum(damping, DAMPED[0]), growth, gained, *kept
-
-    begun = (0, *map(xp.asarray, (DAMPED[1], 2.0, xp.inf)))
-    state = (*begun, _packed(now, x, layout), seen(now))
-    if xp is jnp:
-        return _unpacked(jax.lax.while_loop(going, step, state)[4], now, x, layout)
-    while going(state):
-        state = step(state)
-    return _unpacked(state[4], now, x, layout)
-
-
-def _last(values: Leaf) -> Leaf:
-    """Which of these is the last, the floor's."""
-    return module(values).arange(len(values)) == len(values) - 1
-
-
-def _packed(now: tuple[Leaf, ...], x: Experiment, layout: Layout) -> Leaf:
-    """The nuisances of a transient's amplitude in units of their priors over their tightness."""
-    _, start, late, floor, offset = now
-    xp = module(floor)
-    offset = offset / xp.where(x.offset_free > 0, x.offset_free, 1.0)
-    values = [start.real, start.imag, *[late] * layout.late, offset.real, offset.imag, x.tightness * floor]
-    return xp.stack(values)
-
-
-def _unpacked(values: Leaf, now: tuple[Leaf, ...], x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
-    """The nuisances by their `_packed` values, but for those that are held."""
-    xp = module(values)
-    start = xp.where(x.start_free > 0, values[0] + 1j * values[1], now[1])
-    late = values[2] if layout.late else now[2]
-    offset = xp.where(x.offset_free > 0, x.offset_free * (values[-3] + 1j * values[-2]), now[4])
-    floor = xp.where(x.floor_free > 0, values[-1] / x.tightness, now[3])
-    return now[0], start, late, floor, offset
-
-
-def _loose(values: Leaf, x: Experiment) -> Leaf:
-    """The nuisances by their `_packed` values as their prior holds them: not a floor that is not free."""
-    return module(values).where(_last(values), x.floor_free * values, values)
-
-
-def _linear(
-    now: tuple[Leaf, ...], shapes: Response, x: Experiment, layout: Layout
-) -> tuple[Leaf, Leaf, Leaf]:
-    """A transient's mean amplitude (N,); its whitened residual (N,), with a row for the prior of each of the
-    `_packed` nuisances; and what a little more of each adds (K, N), whitened, of the floor as if it were
-    free."""
-    plate = _modelled(shapes, now[:3], layout) + now[4]
-    size, towards, by_floor = rice.linear(plate, now[3])
-    along, held, xp = towards * shapes.free, towards * x.offset_free, module(plate)
-    late = [(towards * shapes.rate).real] if layout.late else []
-    own = xp.stack([along.real, -along.imag, *late, held.real, -held.imag, by_floor / x.tightness])
-    priors = x.tightness * _priors(len(own), layout, xp)
-    left = _off(x.response - _whiten(size, x), x) - _loose(_packed(now, x, layout), x) @ priors
-    return size, left, _whiten(own, x) + priors
-
-
-def _about(
-    left: Leaf, columns: Leaf, now: tuple[Leaf, ...], x: Experiment, layout: Layout
-) -> tuple[Span, Leaf]:
-    """What the nuisances of a transient's amplitude can make, `_linear` about their values `now`; and what
-    they are at best."""
-    columns = _off(_off(columns, x), x)  # twice is enough
-    span = Span(list(columns))
-    # A floor that would be below zero is held there: it has its share of the volume, and makes nothing.
-    unit, made_of = span.units[-1]
-    span.units[-1] = x.floor_free * unit, made_of
-    free = _loose(_packed(now, x, layout), x)
-    return span, span.weights(left + free @ columns)
+    return found, nuisances, lambda v: span.off(off(v, x))
 
 
 def _span(columns: Sequence[Leaf], x: Experiment, layout: Layout) -> Span:
@@ -348,17 +211,12 @@ def _span(columns: Sequence[Leaf], x: Experiment, layout: Layout) -> Span:
     if not columns:
         return Span(())
     xp = module(x.now)
-    made, prior = xp.stack(columns), _priors(len(columns), layout, xp)
+    made, prior = xp.stack(columns), priors(len(columns), layout, xp)
     if layout.split:
         made = (_turns(len(columns), x, layout)[..., None] * made[:, None]).reshape(-1, layout.rows)
         prior = (xp.array([[1.0], [1j]]) * prior[:, None]).reshape(-1, layout.rows)
-    held = _off(_off(_whiten(made, x) + x.tightness * prior, x), x)  # twice is enough
+    held = off(off(whiten(made, x) + x.tightness * prior, x), x)  # twice is enough
     return Span(list(held), real=layout.split)
-
-
-def _priors(count: int, layout: Layout, xp: Any) -> Leaf:
-    """(K, N) the row of each one's prior: the first one's is the last."""
-    return xp.eye(count, layout.rows)[:, ::-1]
 
 
 def _turns(columns: int, x: Experiment, layout: Layout) -> Leaf:
@@ -378,21 +236,6 @@ def _weights(span: Span, v: Leaf, x: Experiment, layout: Layout) -> Leaf:
     if not layout.split:
         return found
     return (found.reshape(-1, 2) * _turns(len(found) // 2, x, layout)).sum(axis=1)
-
-
-def _whiten(v: Leaf, x: Experiment) -> Leaf:
-    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid), of
-    vectors (..., N); padding is zero."""
-    before = module(v).concatenate([0.0 * v[..., :1], v[..., :-1]], axis=-1)
-    return times(x.now, v) - times(x.before, before)
-
-
-def _off(v: Leaf, x: Experiment) -> Leaf:
-    """Vectors (..., N) less their part in the span of the columns that do not depend on the plant."""
-    # sums, not matrix products: several times faster for a handful of columns
-    along = times(x.basis, v[..., None, :]).sum(axis=-1)[..., None]
-    made = times(x.basis, along) if module(v).iscomplexobj(x.basis) else along * x.basis
-    return v - made.sum(axis=-2)
 
 
 def density(
