@@ -68,7 +68,8 @@ def texts(
     header = header.replace(f"#define DQ_DELAY_MAX {LONGEST}", f"#define DQ_DELAY_MAX {room}")
     header = re.sub(r"\bDQ_H\b", _guard(name), header)
     source = source.replace('#include "dq.h"', f'#include "{name}"')
-    return tuple(_renamed(text, prefix) for text in (header, source, _plate(loop, name, values)))  # type: ignore[return-value]
+    plate = _plate(loop, name, values)
+    return _renamed(header, prefix), _renamed(source, prefix), _renamed(plate, prefix)
 
 
 def _renamed(text: str, prefix: str) -> str:

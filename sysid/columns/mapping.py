@@ -95,7 +95,8 @@ from sysid.tables.scattered import RATIOS, SCATTERED, placed
 from sysid.tables.stamps import is_long
 
 _PLAIN_UNIT = re.compile(
-    r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h|[mu]?rad|m?deg|rad/s|rpm|turns?|cycles?|gon|dB[mV]?"
+    r"[pnuµmkMG]?(s|Hz|V|A|m|m/s|N|S|C|W|ohm)|deg[CF]|K|1|%|pct|min|h"
+    r"|[mu]?rad|m?deg|rad/s|rpm|turns?|cycles?|gon|dB[mV]?"
 )
 WORDS: dict[str, tuple[Any, ...]] = {
     "kind": ("transient", "steady", "waveform"),

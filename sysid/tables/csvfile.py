@@ -184,14 +184,7 @@ def _read_top(path: str, dialect: Dialect) -> Head:
     rows = tuple(tuple(split_line(text, delimiter)) for text in lines[above : above + SAMPLE] if text.strip())
     if not rows:
         raise LogError(f"{path}: found a header and no rows, expected at least one row of numbers")
-    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
-    while names and not names[-1] and line:
-        names = names[:-1]
-    names, step, said = axis.stated_at_end(names)
-    if line and numbers_its_rows(line, lines[above], {len(row) for row in rows}, len(names)):
-        names = ("", *names)
-    if not names:
-        raise LogError(f"{path}: found a header without a name, expected names such as time_s")
+    names, step, said = _names(path, line, lines[above:], delimiter, rows)
     metadata, repeated = metadata_of(comments)
     decimal = dialect.decimal or _find_decimal(path, rows, delimiter)
     told, rate, remark = _explained(path, lines, top, names, rows[0], decimal) if top else ({}, step, said)
@@ -217,6 +210,21 @@ def _read_top(path: str, dialect: Dialect) -> Head:
         above=tuple(lines),
         told=told,
     )
+
+
+def _names(
+    path: str, line: str, below: list[str], delimiter: str, rows: tuple[tuple[str, ...], ...]
+) -> tuple[tuple[str, ...], str, str]:
+    """The names of the columns, by the header `line`; and what stands at their end (`axis.stated_at_end`)."""
+    names = tuple(name.strip() for name in split_line(line, delimiter)) if line else _unnamed(rows)
+    while names and not names[-1] and line:
+        names = names[:-1]
+    names, step, said = axis.stated_at_end(names)
+    if line and numbers_its_rows(line, below[0], {len(row) for row in rows}, len(names)):
+        names = ("", *names)
+    if not names:
+        raise LogError(f"{path}: found a header without a name, expected names such as time_s")
+    return names, step, said
 
 
 def _explained(
