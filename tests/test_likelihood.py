@@ -63,7 +63,7 @@ def test_density_of_a_late_sweep_is_that_of_its_definition(late):
     z = 1.5 * np.random.default_rng(2).standard_normal((6, 3))
     with jax.enable_x64(True):
         target = Target(found)
-        target.density.smooth = False
+        target.density.about = None
         theta, value = target.theta(z), target(z)
     expected = [log_density(found, (np.exp(t[0]), np.exp(t[1]), found.reference[0] + t[2])) for t in theta]
     # The log's own level is integrated out with the priors in its units: a hundredth of two rows in 240.

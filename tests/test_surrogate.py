@@ -5,6 +5,8 @@ import pytest
 
 import sysid
 from sysid.posterior import surrogate
+from sysid.posterior.mixture import Mixture
+from sysid.posterior.target import Target
 from sysid.precision import float64
 from sysid.trials.experiment import group
 
@@ -13,8 +15,10 @@ def densities(fit, smooth):
     best = fit.modes[0]
     triangle = np.linalg.cholesky(best.covariance[: len(fit.names), : len(fit.names)])
     groups, _ = group(best.trials, fit.reference, low_q=best.low_q)
+    p = len(fit.names)
+    about = Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1)) if smooth else None
     return surrogate.Density(
-        lambda z: best.theta + np.pad(z @ triangle.T, ((0, 0), (0, 6 - len(fit.names)))), groups, smooth
+        lambda z: best.theta + np.pad(z @ triangle.T, ((0, 0), (0, 6 - p))), groups, about
     )
 
 
@@ -44,6 +48,18 @@ def test_it_is_the_exact_density_near_and_far(fit):
     assert np.max(np.abs(value - exact)[~far]) <= 2 * fast.error < surrogate.FAITHFUL
     # evaluated by two programs: rounding of a sum of 600 squares
     np.testing.assert_allclose(value[far], exact[far], rtol=1e-9)
+
+
+@float64
+def test_each_of_two_minima_has_a_cubic(bench):
+    """An amplitude does not tell on which side of the drive its resonance is."""
+    fit = sysid.fit([bench.transient(amplitude=True, frequency=32450.0, noise=0.003)])
+    fast, exact = Target(fit), Target(fit)
+    exact.density.about = None
+    z = fast.normal().heavy().draw(200, np.random.default_rng(0))
+    off = np.max(np.abs(fast(z) - exact(z)))
+    assert len(fit.modes) == 2 and None not in fast.density.cubics
+    assert off <= 2 * fast.density.error < surrogate.FAITHFUL
 
 
 @pytest.mark.study  # many rows

@@ -44,12 +44,16 @@ class Mixture:
         which = np.searchsorted(np.cumsum(self.weights), (rng.permutation(n) + 0.5) / n)
         return rng.permutation(self._placed(np.minimum(which, m - 1), z))
 
+    def away(self, k: int, z: np.ndarray) -> np.ndarray:
+        """(n, p) points z in standard deviations from the k-th centre."""
+        return _away(self.centres[k], self.scales[k], z)
+
     def log_density(self, z: np.ndarray) -> np.ndarray:
         """(n,) log density at z (n, p), up to a constant."""
         p = z.shape[1]
         parts = []
         for centre, scale, weight in zip(self.centres, self.scales, self.weights, strict=True):
-            square = np.sum(np.linalg.solve(scale, (z - centre).T) ** 2, axis=0)
+            square = np.sum(_away(centre, scale, z) ** 2, axis=1)
             shape = (
                 0.5 * square
                 if np.isinf(self.tails)
@@ -60,3 +64,7 @@ class Mixture:
 
     def _placed(self, which: np.ndarray, z: np.ndarray) -> np.ndarray:
         return self.centres[which] + np.einsum("nij,nj->ni", self.scales[which], z)
+
+
+def _away(centre: np.ndarray, scale: np.ndarray, z: np.ndarray) -> np.ndarray:
+    return np.linalg.solve(scale, (z - centre).T).T

@@ -1,16 +1,18 @@
 """A cheap posterior density: each log's sum of squares as a polynomial, checked against the exact density.
 
 Near a minimum the residual rows of a log are close to a cubic polynomial of the parameters. Evaluated at the
-points z_i of a design, that polynomial is r(z) = sum_i w_i(z) r_i with w = m(z) M^+, where m are the
-monomials at z and M those at the design's points. Its sum of squares is w K w^T with K_ij = Re r_i^* r_j, at
-a cost independent of the number of rows. Points further away than FAR are evaluated exactly; where the
-polynomial is not FAITHFUL at other points, all are.
+points u_i of a design, in standard deviations from the minimum, that polynomial is r(u) = sum_i w_i(u) r_i
+with w = m(u) M^+, where m are the monomials at u and M those at the design's points. Its sum of squares is
+w K w^T with K_ij = Re r_i^* r_j, at a cost independent of the number of rows. Each of several minima has one.
+Points further than FAR from all of them are evaluated exactly, and so are those about a minimum whose
+polynomial is not FAITHFUL at other points.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations_with_replacement
 from math import comb
 from time import perf_counter
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -19,6 +21,7 @@ from sysid.minimum.minimise import State
 from sysid.model.experiment import Experiment, Groups, Layout
 from sysid.model.likelihood import density, residual
 from sysid.model.theta import NAMES
+from sysid.posterior.mixture import Mixture
 from sysid.precision import SLOW, compiled, makes_beside
 from sysid.trials.experiment import each, group, stacks
 
@@ -59,15 +62,15 @@ def prepare(state: State, reference: tuple[float, float]) -> None:
         return
     groups, _ = group(state.trials, reference, low_q=state.low_q)
     thetas = np.zeros((_batch(groups), len(NAMES)))
-    for layout, x in groups if not _by_numpy(groups) else ():
+    for layout, x in groups if not _by_numpy(groups, 1) else ():
         for stack in stacks(x):
             _rows.prepare(thetas, layout, stack)
 
 
-def _by_numpy(groups: Groups) -> bool:
-    """Whether numpy makes a polynomial before a program for it would be compiled."""
+def _by_numpy(groups: Groups, minima: int) -> bool:
+    """Whether numpy makes the polynomials before a program for them would be compiled."""
     logs = sum(len(x.response) for _, x in groups)
-    return logs <= FEW and max(layout.rows for layout, _ in groups) < SLOW
+    return logs * minima <= FEW and max(layout.rows for layout, _ in groups) < SLOW
 
 
 def _batch(groups: Groups) -> int:
@@ -75,54 +78,83 @@ def _batch(groups: Groups) -> int:
     return int(np.clip(LARGEST // max(layout.rows for layout, _ in groups), 1, BATCH))
 
 
+class _Cubic(NamedTuple):
+    """About one minimum, of each group: `forms` (logs, coefficients, coefficients) of the sums of squares,
+    and `volumes` (coefficients, logs)."""
+
+    forms: list[np.ndarray]
+    volumes: list[np.ndarray]
+
+
 class Density:
-    """Log density at points z (n, p), in standard deviations from a minimum; `theta` converts them to
+    """Log density at points z (n, p), in standard deviations from the best minimum; `theta` converts them to
     parameters (n, 6).
 
-    `smooth`: whether the polynomial is used; `error`: its largest deviation where it was checked. `pace`:
-    seconds per exact evaluation. None is begun after `until` (perf_counter): TimeoutError.
+    `about`: the minima about which it may be a polynomial; None where all points are evaluated. `error`: its
+    largest deviation where it was checked. `pace`: seconds per exact evaluation. None is begun after `until`
+    (perf_counter): TimeoutError.
     """
 
     def __init__(
-        self, theta: Callable[[np.ndarray], np.ndarray], groups: Groups, smooth: bool, until: float = np.inf
+        self,
+        theta: Callable[[np.ndarray], np.ndarray],
+        groups: Groups,
+        about: Mixture | None,
+        until: float = np.inf,
     ):
-        self.theta, self.smooth, self.error, self.until, self.pace = theta, smooth, 0.0, until, 0.0
-        self.plain = smooth and _by_numpy(groups)
+        self.theta, self.about, self.error, self.until, self.pace = theta, about, 0.0, until, 0.0
+        self.plain = about is not None and _by_numpy(groups, len(about.weights))
         self.groups, self.batch = groups, _batch(groups)
-        self.forms: list[np.ndarray] = []  # (logs, coefficients, coefficients) of each group
-        self.volumes: list[np.ndarray] = []  # (coefficients, logs) of each group
+        self.cubics: list[_Cubic | None] = []  # about each minimum; None where it is not faithful
 
     def __call__(self, z: np.ndarray) -> np.ndarray:
-        if self.smooth and not self.forms:
-            self._build(z.shape[1])
-        if not self.smooth:
+        if self.about is None:
             return self._exact(z)
-        far = np.linalg.norm(z, axis=1) > FAR
-        value = self._polynomial(z)
-        if np.any(far):
-            value[far] = self._exact(z[far])
+        if not self.cubics:
+            self._build(self.about)
+        places = np.array([self.about.away(k, z) for k in range(len(self.cubics))])
+        far = np.linalg.norm(places, axis=2)
+        nearest, value = np.argmin(far, axis=0), np.empty(len(z))
+        exact = np.min(far, axis=0) > FAR
+        for k, cubic in enumerate(self.cubics):
+            here = (nearest == k) & ~exact
+            if cubic is None:
+                exact |= here
+            elif np.any(here):
+                value[here] = self._by_cubic(cubic, places[k, here])
+        if np.any(exact):
+            value[exact] = self._exact(z[exact])
         return value
 
-    def _build(self, p: int) -> None:
-        """Make the polynomial; it is dropped if it misses the exact density somewhere."""
-        design, checks = _points(comb(p + 3, 3), p, seed=0), _points(CHECKS // 2, p, seed=1)
-        n, z = len(design), np.concatenate([design, checks])
-        products, volumes = self._products(z)
-        weights = np.linalg.pinv(_monomials(design))
-        self.forms = [weights @ x[:, :n, :n] @ weights.T for x in products]
-        self.volumes = [weights @ v[:n] for v in volumes]
-        exact = self._of(
-            [np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products], [v[n:] for v in volumes]
-        )
-        self.error = float(np.max(np.abs(self._polynomial(checks) - exact)))
-        self.smooth = self.plain = bool(self.error <= FAITHFUL)
+    @property
+    def smooth(self) -> bool:
+        """Whether it is a polynomial anywhere."""
+        return any(cubic is not None for cubic in self.cubics)
 
-    def _polynomial(self, z: np.ndarray) -> np.ndarray:
-        m = _monomials(z)
+    def _build(self, about: Mixture) -> None:
+        """Make the polynomials; one that misses the exact density somewhere is dropped."""
+        p = about.centres.shape[1]
+        design, checks = _points(comb(p + 3, 3), p, seed=0), _points(CHECKS // 2, p, seed=1)
+        n, weights = len(design), np.linalg.pinv(_monomials(design))
+        for centre, scale in zip(about.centres, about.scales, strict=True):
+            products, volumes = self._products(centre + np.concatenate([design, checks]) @ scale.T)
+            cubic = _Cubic(
+                [weights @ x[:, :n, :n] @ weights.T for x in products], [weights @ v[:n] for v in volumes]
+            )
+            squares = [np.diagonal(x, axis1=1, axis2=2)[:, n:].T for x in products]
+            error = np.max(
+                np.abs(self._by_cubic(cubic, checks) - self._of(squares, [v[n:] for v in volumes]))
+            )
+            self.cubics.append(cubic if error <= FAITHFUL else None)
+            self.error = max(self.error, float(error) if error <= FAITHFUL else 0.0)
+        self.plain = self.plain and None not in self.cubics
+
+    def _by_cubic(self, cubic: _Cubic, u: np.ndarray) -> np.ndarray:
+        """At points (n, p) in standard deviations from its minimum."""
+        m = _monomials(u)
         pairs = (m[:, :, None] * m[:, None, :]).reshape(len(m), -1)
-        return self._of(
-            [pairs @ form.reshape(len(form), -1).T for form in self.forms], [m @ v for v in self.volumes]
-        )
+        squares = [pairs @ form.reshape(len(form), -1).T for form in cubic.forms]
+        return self._of(squares, [m @ v for v in cubic.volumes])
 
     def _exact(self, z: np.ndarray) -> np.ndarray:
         squares = [

@@ -55,8 +55,8 @@ class Target:
         self._rng = np.random.default_rng(seed)
         trials = tuple(self._whole(t) for t in best.trials) if every_row else best.trials
         groups, _ = group(trials, fit.reference, low_q=best.low_q)
-        smooth = self.bounded and len(fit.modes) == 1 and not every_row
-        self.density, self.rows = Density(self.theta, groups, smooth, until), sum(len(t.log) for t in trials)
+        about = self._about(fit.modes) if self.bounded and not every_row else None
+        self.density, self.rows = Density(self.theta, groups, about, until), sum(len(t.log) for t in trials)
         self.evaluations, self._warm, self._seconds = 0, 0, 0.0
 
     def _whole(self, trial: Trial) -> Trial:
@@ -111,10 +111,14 @@ class Target:
 
     def normal(self) -> Mixture:
         """The normal approximation about each minimum, or along each ridge."""
-        fit, p = self.fit, len(self.index)
+        p = len(self.index)
         if not self.bounded:
             return Mixture(np.zeros((1, p)), np.eye(p)[None], np.ones(1))
-        best, index, places = fit.modes[0], self.index, self._places
+        return self._about(self._places)
+
+    def _about(self, places: Sequence[State]) -> Mixture:
+        """The normal approximation about each of these."""
+        best, index = self.fit.modes[0], self.index
         centres = [np.linalg.solve(self.triangle, (s.theta - best.theta)[index]) for s in places]
         scales = [
             np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)]))
