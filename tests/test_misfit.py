@@ -115,7 +115,7 @@ def millivolts(bench):
 @pytest.mark.parametrize(
     ("logs", "said"),
     [
-        (finger_on_the_third, "step 3: G and tau are both lower than in the other logs"),
+        study(finger_on_the_third, "step 3: G and tau are both lower than in the other logs"),
         (sine_law, "not proportional to the drive"),
         (saturated, "saturated"),
         (two_resonances, "the resonance contradicts the other logs"),
