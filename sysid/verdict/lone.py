@@ -65,7 +65,8 @@ def _in_even_noise(view: LinearisedLog, state: State) -> LinearisedLog:
     """A sweep of which no drive is recorded in noise that is alike in all rows, where it was only taken for
     one that scatters as it is large, as a mean of periodograms does: so it is with a drive."""
     trial = view.trial
-    if not (trial.undriven_sweep and trial.noise.share) or trial.noise.stated is not None:
+    known = trial.noise.stated is not None or trial.log.relative_noise
+    if known or not (trial.undriven_sweep and trial.noise.share):
         return view
     left, size = np.abs(view.residual), np.abs(view.model)
     if goes_with(left, size / trial.scale) > ODD:
