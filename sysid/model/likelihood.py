@@ -32,6 +32,8 @@ imaginary part have priors of their own.
 The noise level of each log has the scale-free prior 1/sigma and is integrated out: a Student-t form in the
 residual sum S, log p = -sum_logs (degrees of freedom / 2) log S. So are the nuisances: with the information B
 of their coefficients, log p = - 1/2 log det B, which depends on the plant where their columns do.
+
+The same lines are a program of JAX or numpy's, by the arrays that they are given (`model.span.module`).
 """
 
 from collections.abc import Callable, Sequence

@@ -68,7 +68,7 @@ def _in_even_noise(view: LinearisedLog, state: State) -> LinearisedLog:
     known = trial.noise.stated is not None or trial.log.relative_noise
     if known or not (trial.undriven_sweep and trial.noise.share):
         return view
-    left, size = np.abs(view.residual), np.abs(view.model)
+    left, size = (np.abs(v)[trial.noise.used] for v in (view.residual, view.model))
     if goes_with(left, size / trial.scale) > ODD:
         return view
     noise = replace(trial.noise, share=0.0, spread=None)
