@@ -1,7 +1,7 @@
 """The fit: all logs in one likelihood, Levenberg-Marquardt from starting values that the data give."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -50,7 +50,6 @@ def fit(
     priors: Mapping[str, tuple[float, float]] | None = None,
     reference_temperature: float = 24.0,
     start: Plant | None = None,
-    meanwhile: Callable[[State, tuple[float, float]], None] | None = None,
 ) -> Fit:
     """Fit one plant to all `logs`, or to one, from no start values.
 
@@ -64,16 +63,13 @@ def fit(
     takes, "-late" (the usual ones without it), "-delay,+drift", "rotation,offset" or "none". `priors`: what
     is known of the plant beforehand, value and standard deviation by name, as in {"k_T": (-8.0, 1.0)} (see
     `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined. `start`: a
-    plant to begin from instead of the data. `meanwhile`: is given the best minimum, and the reference (Hz,
-    degC) of its offsets, before the fit looks for what the model leaves out. Raises ValueError without logs,
+    plant to begin from instead of the data. Raises ValueError without logs,
     for an unknown nuisance, or for a prior that is none; TypeError for what are no logs."""
     logs = every("logs", logs, Log, LOG)
     nuisances = _named(nuisances, effects)
     reference_temperature = number("reference_temperature", reference_temperature)
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
-    minimiser, best = question.minimiser, states[0]
-    if meanwhile is not None:
-        meanwhile(best, minimiser.reference)
+    best = states[0]
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     found = _concluded(question, states)
     restless, sure = decays(best)[0], False

@@ -198,13 +198,11 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
 def _posterior(
     logs: list, arguments: argparse.Namespace, stages: "Stages", budget: "Budget"
 ) -> tuple[Any, "tuple[Drawn, ...]"]:
-    """The posterior, and the figures of the logs: the compiled density leaves the interpreter free to draw
-    beside it."""
+    """The posterior, and the figures of the logs, which are drawn beside it."""
     with ThreadPoolExecutor(1) as beside:
         with stages("load", "starting"):
             from sysid.fitting import fit
             from sysid.posterior.posterior import sample
-            from sysid.posterior.surrogate import prepare
             from sysid.precision import make_beside
 
             if arguments.alone:
@@ -214,7 +212,7 @@ def _posterior(
         for module in LATER:  # while compiled programs load and run, which leaves the interpreter idle
             beside.submit(import_module, module)
         with stages("fit", "fitting the plant"):
-            fitted = fit(logs, **_settings(arguments), meanwhile=prepare)
+            fitted = fit(logs, **_settings(arguments))
         with stages("sample", "sampling the posterior"):
             drawing = beside.submit(_draw, fitted)
             return sample(

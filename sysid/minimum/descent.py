@@ -8,13 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from sysid.model import course
+from sysid.model.course import by_differences, by_program
 from sysid.model.experiment import Experiment, Groups, Layout, Residual
 from sysid.model.likelihood import linearised
 from sysid.model.prior import Prior
-from sysid.model.theta import PLANT
 from sysid.precision import seldom
-from sysid.rows.hold import Leaf
-from sysid.trials.experiment import each, stacks
 
 SHORTEST = 1e-8  # a step that is not shortened any further
 # of a sum of squares, which one more step would gain, at which a search ends: the errors of what is found are
@@ -43,33 +42,15 @@ class Seen(NamedTuple):
     found: list[Residual]
 
 
-def _looked(theta: Leaf, steps: Leaf, layout: Layout, x: Experiment) -> tuple[Leaf, Leaf, Residual]:
-    """J^T J and the gradient along steps (p, 6) of theta, and the residual, of one log."""
-    found, along = linearised(theta, x, layout)
-    jacobian = along(steps)
-    return (jacobian @ jacobian.conj().T).real, (jacobian.conj() @ found.rows).real, found
-
-
-@seldom
-def _compiled(theta, sizes, layout, x):
-    """The same of each log of a stack of one layout, along steps of these sizes (p,) in the first p numbers
-    of theta. A program for each layout is smaller than one for each set of layouts, and there are fewer of
-    them; one for all parameters serves whichever are free."""
-    steps = jnp.eye(len(sizes), len(theta)) * sizes[:, None]
-    return jax.vmap(lambda x: _looked(theta, steps, layout, x))(x)
-
-
-def _in_group(theta: np.ndarray, directions: np.ndarray, layout: Layout, x: Experiment, plain: bool) -> tuple:
-    """The same of each log of a group along the directions (6, d)."""
-    if plain:
-        found = [_looked(theta, directions.T, layout, log) for log in each(x)]
-        gram, gradient, residual = zip(*found, strict=True)
-        stacked = Residual(*map(np.array, zip(*residual, strict=True)))
-        return np.array(gram), np.array(gradient), stacked
-    sizes, free = _along(directions)
-    parts = [_compiled(theta, sizes, layout, stack) for stack in stacks(x)]
-    gram, gradient, residual = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-    return gram[:, free[:, None], free], gradient[:, free], residual
+def _in_group(
+    theta: np.ndarray, directions: np.ndarray, layout: Layout, x: Experiment, plain: bool
+) -> tuple[np.ndarray, np.ndarray, Residual]:
+    """Of each log of a group J^T J (logs, d, d) and the gradient (logs, d) along the directions (6, d), and
+    the residual."""
+    now, change = (by_differences if plain else by_program)(theta, directions, x, layout)
+    found, jacobian = linearised(now, change, x, layout)
+    jacobian, rows = (np.ascontiguousarray(v).view(float) for v in (jacobian, found.rows))
+    return jacobian @ np.swapaxes(jacobian, 1, 2), (jacobian @ rows[..., None])[..., 0], found
 
 
 @seldom
@@ -99,10 +80,8 @@ def _stepped(_, given):
 
 def prepare(groups: Groups, theta: np.ndarray, directions: np.ndarray) -> None:
     """Begin to make the programs of a descent, where that goes on beside."""
-    sizes, _ = _along(directions)
     for layout, x in groups:
-        for stack in stacks(x):
-            _compiled.prepare(theta, sizes, layout, stack)
+        course.prepare(theta, directions, x, layout)
     d = directions.shape[1]
     rest, none, nothing = np.zeros(d), np.zeros(()), np.zeros((d, d))
     sums = Sums(none, rest, nothing)
@@ -113,7 +92,7 @@ def levenberg_marquardt(
     groups: Groups, theta: np.ndarray, directions: np.ndarray, most: int, prior: Prior, plain: bool = False
 ) -> Seen:
     """The point theta + directions @ x of the least sum of squares, reached in at most `most` steps, and what
-    is seen there. `plain`: by numpy alone, else by compiled programs."""
+    is seen there. `plain`: by differences, with nothing to compile."""
     now = _seen(groups, theta, directions, prior, plain)
     if not most:
         return now
@@ -154,15 +133,6 @@ def _seen(groups: Groups, theta: np.ndarray, directions: np.ndarray, prior: Prio
         np.concatenate(grams).sum(axis=0) + directions.T @ prior.precision @ directions,
     )
     return Seen(theta, sums, grams, found)
-
-
-def _along(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sizes of steps in the first numbers of theta, as many as may be free: a plate's, and a finger's; and
-    which the directions (6, d), each of one number, go along."""
-    free = np.argmax(directions != 0, axis=0)
-    sizes = np.ones(len(directions) if np.any(free >= len(PLANT)) else len(PLANT))
-    sizes[free] = directions[free, np.arange(len(free))]
-    return sizes, free
 
 
 @dataclass

@@ -264,15 +264,11 @@ class Minimiser:
                 t.in_noise(replace(t.noise, jitter=j, slow=share))
                 for t, j, share in zip(trials, jitters, shares, strict=True)
             )
-        # Padding stands behind each group's logs.
-        held = np.concatenate([gram[: len(logs)] for gram, logs in zip(seen.grams, members, strict=True)])
-        freedom = np.concatenate(
-            [x.freedom[: len(logs)] for (_, x), logs in zip(groups, members, strict=True)]
-        )
+        held, freedom = np.concatenate(seen.grams), np.concatenate([x.freedom for _, x in groups])
         told = np.array([trials[i].noise.told for logs in members for i in logs])
         information = _informed(freedom, told[:, None, None] * held, inverse)
         alone, covariance = self._covariances(information, directions)
-        at = theta, covariance, trials, models, float(cost), _volume(seen.found, members)
+        at = theta, covariance, trials, models, float(cost), _volume(seen.found)
         return State(*at, converged, low_q, alone, self.prior)
 
     def _covariances(self, information: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -294,9 +290,7 @@ class Minimiser:
         trials, models, cost, _ = update(trials, members, found, courses, round_=0)
         alone, covariance = self._covariances(np.eye(directions.shape[1]) / RUNAWAY**2, directions)
         cost = cost if np.isfinite(cost) else 0.0
-        return State(
-            theta, covariance, trials, models, cost, _volume(found, members), True, low_q, alone, self.prior
-        )
+        return State(theta, covariance, trials, models, cost, _volume(found), True, low_q, alone, self.prior)
 
     def _starts(self, search: Search, start: Plant | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (n, 3), the log-likelihood by which each falls short, and the least residual sum of each
@@ -370,9 +364,9 @@ def _ran_away(theta: np.ndarray, begin: np.ndarray) -> bool:
     return not (np.all(np.isfinite(theta)) and abs(Theta.of(theta - begin).log_tau) < RUNAWAY)
 
 
-def _volume(found: Sequence[Residual], members: Sequence[Sequence[int]]) -> float:
-    """Volume of the nuisances of all logs; the padding behind each group's logs does not count."""
-    return float(sum(np.sum(x.volume[: len(logs)]) for x, logs in zip(found, members, strict=True)))
+def _volume(found: Sequence[Residual]) -> float:
+    """Volume of the nuisances of all logs."""
+    return float(sum(np.sum(x.volume) for x in found))
 
 
 def _invert(gram: np.ndarray) -> np.ndarray:

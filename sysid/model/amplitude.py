@@ -1,136 +1,148 @@
 """The nuisances of an amplitude log: at their optimum near the values that they have, as the mean of Rice's
 distribution (`model.rice`) is linear in them only nearby."""
 
-import jax
-import jax.numpy as jnp
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
 
 from sysid.model import rice
-from sysid.model.experiment import Experiment, Layout, Residual, modelled, off, priors, whiten
-from sysid.model.plant import Response
-from sysid.model.span import Span, module
-from sysid.rows.hold import Leaf
+from sysid.model.course import Course
+from sysid.model.experiment import Experiment, Layout, Residual, off, priors, whiten
+from sysid.model.nuisances import Nuisances, modelled
+from sysid.model.span import Span
 
 MOST = 30  # steps to the nuisances of an amplitude log
 LEAST = 0.1  # of its floor that the steps of one look leave
 GAIN = 1e-8  # of a sum of squares, less than which a step is not worth taking
 DAMPED = (1e-9, 1e-3, 1e9)  # of the information of each number: least, at first, and where a step is given up
+NUMBERS = 6  # of a transient: start and offset, of d and q each, lateness and floor
 
 
-def amplitude(shapes: Response, x: Experiment, layout: Layout):
+def amplitude(
+    course: Course, x: Experiment, layout: Layout
+) -> tuple[Residual, Nuisances, Callable[[np.ndarray], np.ndarray]]:
     """The residual of an amplitude log, the nuisances of a transient at their optimum near their present
-    values; these; and the projection of a vector off all that they can adjust."""
-    xp = module(shapes.forced)
-    now: tuple[Leaf, ...] = (xp.ones(()), x.start, x.late, x.floor, x.offset)
+    values; these; and the projection of vectors off all that they can adjust."""
+    one = np.ones(course.forced.shape[:-1])
+    none = np.zeros((*one.shape, 0))
     if layout.steady:
-        size = modelled(shapes, now, layout)
-        rows = x.response - off(whiten(size, x), x)
-        kept = (x.start, x.floor, x.late, x.offset, now[0])
-        return Residual(rows, size, *kept, xp.zeros(()), xp.zeros(0)), now, lambda v: off(v, x)
-    now = _settled(now, shapes, x, layout)
-    size, rows, columns = _linear(now, shapes, x, layout)
-    span, found = _about(rows, columns, now, x, layout)
-    floor = xp.where(x.floor_free > 0, found[-1] / x.tightness, x.floor)
-    kept = (now[1], floor, now[2], now[4], now[0])
-    return Residual(rows, size, *kept, span.volume, xp.zeros(0)), now, span.off
+        at = Nuisances(one, *(one * v for v in (x.start, x.late, x.floor, x.offset)))
+        size = modelled(course, at)
+        rows = x.response - off(whiten(size[..., None, :], x), x)[..., 0, :]
+        return (
+            Residual(rows, size, at.start, at.floor, at.late, at.offset, one, 0 * one, none),
+            at,
+            lambda v: off(v, x),
+        )
+    log = _Transient(course, x, layout)
+    values = _settled(log)
+    at = log.nuisances(values)
+    size, rows, columns = log.linear(values)
+    columns = off(off(columns, x), x)  # twice is enough
+    span = Span(columns)
+    # A floor that would be below zero is held there: it has its share of the volume, and makes nothing.
+    span.units[..., -1] *= x.floor_free[..., None]
+    best = span.weights(rows + (log.loose(values)[..., None, :] @ columns)[..., 0, :])
+    floor = log.floor(best)
+    return Residual(rows, size, at.start, floor, at.late, at.offset, one, span.volume, none), at, span.off
 
 
-def _settled(now: tuple[Leaf, ...], shapes: Response, x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
-    """Nuisances of an amplitude log at their optimum near `now`, by Marquardt's steps: the mean of Rice's
+class _Problem(NamedTuple):
+    """The sum of squares (...,) at some nuisances, what their steps gain to first order (..., K), and their
+    information (..., K, K)."""
+
+    cost: np.ndarray
+    slope: np.ndarray
+    gram: np.ndarray
+
+
+class _Transient:
+    """A transient's mean amplitude by its numbers (..., 6): start, lateness, offset and floor, in units of
+    their priors over their tightness. `first` (..., 6) are their present values, `free` which of them are to
+    be found."""
+
+    def __init__(self, course: Course, x: Experiment, layout: Layout):
+        self.x = x
+        held = np.broadcast_to(x.offset_free[..., None], course.forced.shape)
+        parts = course.start, 1j * course.start, course.late, held, 1j * held
+        self.columns = np.stack(parts, axis=-2, dtype=complex)
+        offset = x.offset / np.where(x.offset_free > 0, x.offset_free, 1.0)
+        self.still = course.forced + np.where(x.offset_free > 0, 0.0, x.offset)[..., None]
+        self.own = x.tightness[..., None, None] * priors(NUMBERS, layout)
+        first = x.start.real, x.start.imag, x.late, offset.real, offset.imag, x.tightness * x.floor
+        self.first = np.stack(np.broadcast_arrays(*first, np.zeros(course.forced.shape[:-1]))[:-1], axis=-1)
+        is_start, is_offset, is_floor = x.start_free > 0, x.offset_free > 0, x.floor_free > 0
+        free = is_start, is_start, np.ones_like(is_start), is_offset, is_offset, is_floor
+        self.free = np.stack(free, axis=-1)
+
+    def floor(self, values: np.ndarray) -> np.ndarray:
+        """(...,)"""
+        return np.where(self.x.floor_free > 0, values[..., -1] / self.x.tightness, self.x.floor)
+
+    def nuisances(self, values: np.ndarray) -> Nuisances:
+        start_d, start_q, late, offset_d, offset_q, _ = np.moveaxis(values, -1, 0)
+        free = self.x.offset_free
+        offset = np.where(free > 0, free * (offset_d + 1j * offset_q), self.x.offset)
+        return Nuisances(np.ones_like(late), start_d + 1j * start_q, late, self.floor(values), offset)
+
+    def loose(self, values: np.ndarray) -> np.ndarray:
+        """(..., 6) the numbers as their prior holds them: not a floor that is not free."""
+        held = values.copy()
+        held[..., -1] *= self.x.floor_free
+        return held
+
+    def linear(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The mean amplitude (..., N); its whitened residual (..., N), with a row for the prior of each
+        number; and what a little more of each adds (..., 6, N), whitened, of the floor as if it were free."""
+        w = self.still + (values[..., None, :-1] @ self.columns)[..., 0, :]
+        size, towards, by_floor = rice.linear(w, self.floor(values)[..., None])
+        shapes = np.empty((*size.shape[:-1], NUMBERS + 1, size.shape[-1]))
+        shapes[..., 0, :] = size
+        shapes[..., 1:-1, :] = (towards[..., None, :] * self.columns).real
+        shapes[..., -1, :] = by_floor / self.x.tightness[..., None]
+        white = whiten(shapes, self.x)
+        left = off(self.x.response[..., None, :] - white[..., :1, :], self.x)
+        left -= self.loose(values)[..., None, :] @ self.own
+        return size, left[..., 0, :], white[..., 1:, :] + self.own
+
+    def problem(self, values: np.ndarray) -> _Problem:
+        """What steps from here may gain."""
+        _, left, columns = self.linear(values)
+        along = columns @ np.swapaxes(self.x.basis, -1, -2)
+        gram = columns @ np.swapaxes(columns, -1, -2) - along @ np.swapaxes(along, -1, -2)
+        return _Problem(np.sum(left**2, axis=-1), (columns @ left[..., None])[..., 0], gram)
+
+
+def _settled(log: _Transient) -> np.ndarray:
+    """(..., 6) the numbers at their optimum near the first, by Marquardt's steps: the mean of Rice's
     distribution is linear in them only nearby. Their damping follows from what a step gained of what it would
     have in a linear problem (Nielsen, IMM-REP-1999-05, Technical University of Denmark, 1999)."""
-    xp = module(shapes.forced)
-    start, offset, late = x.start_free > 0, x.offset_free > 0, [xp.asarray(True)] * layout.late
-    free = xp.stack([start, start, *late, offset, offset, x.floor_free > 0])
-    least = xp.where(_last(free), LEAST * x.tightness * now[3], -xp.inf)  # of each of their values
-
-    def seen(now: tuple[Leaf, ...]) -> tuple[Leaf, Leaf, Leaf]:
-        _, left, columns = _linear(now, shapes, x, layout)
-        along = columns @ x.basis.T
-        return xp.sum(left**2), columns @ left, columns @ columns.T - along @ along.T
-
-    def going(state: tuple) -> Leaf:
-        rounds, damping, _, gained, _, (cost, *_) = state
-        return (rounds < MOST) & (gained > GAIN * cost) & (damping < DAMPED[2])
-
-    def step(state: tuple) -> tuple:
-        rounds, damping, growth, _, values, (cost, slope, gram) = state
-        able = free & ((slope > 0) | (values > least))
-        gram_of = xp.where(able & able[:, None], gram, 0.0)
-        whole = xp.linalg.solve(gram_of + xp.diag(damping * xp.diag(gram)), xp.where(able, slope, 0.0))
-        new = xp.maximum(values + whole, least)
-        whole = new - values
-        there = seen(_unpacked(new, now, x, layout))
-        better, foreseen = there[0] < cost, whole @ (2 * slope - gram_of @ whole)
-        less = 1 - (2 * (cost - there[0]) / xp.maximum(foreseen, 1e-300) - 1) ** 3
-        damping = damping * xp.where(better, xp.maximum(0.1, less), growth)
-        growth = xp.where(better, 2.0, 2 * growth)
-        kept = jax.tree.map(lambda a, b: xp.where(better, a, b), (new, there), (values, (cost, slope, gram)))
-        gained = xp.where(better, cost - there[0], xp.abs(foreseen))
-        return rounds + 1, xp.maximum(damping, DAMPED[0]), growth, gained, *kept
-
-    begun = (0, *map(xp.asarray, (DAMPED[1], 2.0, xp.inf)))
-    state = (*begun, _packed(now, x, layout), seen(now))
-    if xp is jnp:
-        return _unpacked(jax.lax.while_loop(going, step, state)[4], now, x, layout)
-    while going(state):
-        state = step(state)
-    return _unpacked(state[4], now, x, layout)
-
-
-def _last(values: Leaf) -> Leaf:
-    """Which of these is the last, the floor's."""
-    return module(values).arange(len(values)) == len(values) - 1
-
-
-def _packed(now: tuple[Leaf, ...], x: Experiment, layout: Layout) -> Leaf:
-    """The nuisances of a transient's amplitude in units of their priors over their tightness."""
-    _, start, late, floor, offset = now
-    xp = module(floor)
-    offset = offset / xp.where(x.offset_free > 0, x.offset_free, 1.0)
-    values = [start.real, start.imag, *[late] * layout.late, offset.real, offset.imag, x.tightness * floor]
-    return xp.stack(values)
-
-
-def _unpacked(values: Leaf, now: tuple[Leaf, ...], x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
-    """The nuisances by their `_packed` values, but for those that are held."""
-    xp = module(values)
-    start = xp.where(x.start_free > 0, values[0] + 1j * values[1], now[1])
-    late = values[2] if layout.late else now[2]
-    offset = xp.where(x.offset_free > 0, x.offset_free * (values[-3] + 1j * values[-2]), now[4])
-    floor = xp.where(x.floor_free > 0, values[-1] / x.tightness, now[3])
-    return now[0], start, late, floor, offset
-
-
-def _loose(values: Leaf, x: Experiment) -> Leaf:
-    """The nuisances by their `_packed` values as their prior holds them: not a floor that is not free."""
-    return module(values).where(_last(values), x.floor_free * values, values)
-
-
-def _linear(
-    now: tuple[Leaf, ...], shapes: Response, x: Experiment, layout: Layout
-) -> tuple[Leaf, Leaf, Leaf]:
-    """A transient's mean amplitude (N,); its whitened residual (N,), with a row for the prior of each of the
-    `_packed` nuisances; and what a little more of each adds (K, N), whitened, of the floor as if it were
-    free."""
-    plate = modelled(shapes, now[:3], layout) + now[4]
-    size, towards, by_floor = rice.linear(plate, now[3])
-    along, held, xp = towards * shapes.free, towards * x.offset_free, module(plate)
-    late = [(towards * shapes.rate).real] if layout.late else []
-    own = xp.stack([along.real, -along.imag, *late, held.real, -held.imag, by_floor / x.tightness])
-    own_rows = x.tightness * priors(len(own), layout, xp)
-    left = off(x.response - whiten(size, x), x) - _loose(_packed(now, x, layout), x) @ own_rows
-    return size, left, whiten(own, x) + own_rows
-
-
-def _about(
-    left: Leaf, columns: Leaf, now: tuple[Leaf, ...], x: Experiment, layout: Layout
-) -> tuple[Span, Leaf]:
-    """What the nuisances of a transient's amplitude can make, `_linear` about their values `now`; and what
-    they are at best."""
-    columns = off(off(columns, x), x)  # twice is enough
-    span = Span(list(columns))
-    # A floor that would be below zero is held there: it has its share of the volume, and makes nothing.
-    unit, made_of = span.units[-1]
-    span.units[-1] = x.floor_free * unit, made_of
-    free = _loose(_packed(now, x, layout), x)
-    return span, span.weights(left + free @ columns)
+    values, now = log.first, log.problem(log.first)
+    least = np.where(np.arange(NUMBERS) == NUMBERS - 1, LEAST * values, -np.inf)
+    lead, unit = values.shape[:-1], np.eye(NUMBERS)
+    damping, growth, going = np.full(lead, DAMPED[1]), np.full(lead, 2.0), np.ones(lead, bool)
+    for _ in range(MOST):
+        able = log.free & ((now.slope > 0) | (values > least))
+        gram = np.where(able[..., None] & able[..., None, :], now.gram, 0.0)
+        held = damping[..., None, None] * now.gram * unit
+        whole = np.linalg.solve(gram + held, np.where(able, now.slope, 0.0)[..., None])[..., 0]
+        new = np.maximum(values + whole, least)
+        step, there = new - values, log.problem(new)
+        foreseen = np.sum(step * (2 * now.slope - (gram @ step[..., None])[..., 0]), axis=-1)
+        gained = now.cost - there.cost
+        better = going & (gained > 0)
+        less = 1 - (2 * gained / np.maximum(foreseen, 1e-300) - 1) ** 3
+        damping = np.maximum(damping * np.where(better, np.maximum(0.1, less), growth), DAMPED[0])
+        growth = np.where(better, 2.0, 2 * growth)
+        going &= np.where(better, gained, np.abs(foreseen)) > GAIN * now.cost
+        going &= damping < DAMPED[2]
+        values = np.where(better[..., None], new, values)
+        now = _Problem(
+            np.where(better, there.cost, now.cost),
+            np.where(better[..., None], there.slope, now.slope),
+            np.where(better[..., None, None], there.gram, now.gram),
+        )
+        if not np.any(going):
+            break
+    return values

@@ -1,23 +1,23 @@
-"""What the likelihood is told of a log: arrays and the layout of its program."""
+"""What the likelihood is told of a log: arrays, and the layout that says which of its lines apply."""
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
 
-from sysid.model import rice
-from sysid.model.plant import Response, respond, steady
-from sysid.model.span import module, times
-from sysid.model.theta import PLANT, Theta
+import jax
+import numpy as np
+
+from sysid.model.span import times
 from sysid.rows.hold import Hold, Leaf
 
 
 class Layout(NamedTuple):
-    """What decides which program evaluates an experiment; experiments of one layout are stacked and share
-    one."""
+    """How an experiment is looked at; experiments of one layout are stacked, and looked at together."""
 
     amplitude: bool  # amplitude only: |W|
     own_gain: bool  # a sweep of which no drive is recorded: a gain of its own
     both_modes: bool  # low Q
     carrier: bool  # its phase is known where the inputs change
-    late: bool  # a transient, by an unknown time
     touched: bool  # a finger's force is recorded
     apart: bool  # the noise of d and q differs
     # real and imaginary parts of coefficients are apart: where the noise is, a swept log may be late, or
@@ -28,6 +28,11 @@ class Layout(NamedTuple):
     steady: bool  # settled points
     rows: int
     intervals: int
+
+    @property
+    def driven(self) -> "Layout":
+        """As far as the plant's course goes with it: layouts that are alike there share a program."""
+        return self._replace(apart=False, split=False, extra=min(self.extra, 1))
 
 
 class Experiment(NamedTuple):
@@ -75,71 +80,62 @@ class Residual(NamedTuple):
     """Whitened residual rows (including the priors'), the modelled rows (N,) that the plant drives, and the
     nuisances' values: `late` in units of `lateness`, `offset` as `Experiment` has it, `extra` (E,) of the
     columns, `turn` the demodulator's rotation times the gain where that is the log's own. `volume` is half
-    the log determinant of the nuisances' information, as far as it depends on the plant."""
+    the log determinant of the nuisances' information, as far as it depends on the plant. Of several logs or
+    plants each has leading axes."""
 
-    rows: Leaf
-    driven: Leaf
-    start: Leaf
-    floor: Leaf
-    late: Leaf
-    offset: Leaf
-    turn: Leaf
-    volume: Leaf
-    extra: Leaf
-
-
-def basis(theta: Leaf, hold: Hold, layout: Layout) -> Response:
-    """The plant's response per unit G, its rate of change, and its free decay from a unit start; (N,) complex
-    arrays; of several plants with numpy (N, P).
-
-    `theta` (6,) as `model.theta` has it, or (P, 6), with what `hold` has of intervals and rows (M, 1) and
-    (N, 1), but for `interval`. A finger, or what else damps, divides tau and G by one factor, and with G the
-    drive.
-    """
-    xp = module(theta)
-    at = Theta.of(theta) if layout.touched else Theta.of(theta[..., : len(PLANT)])
-    tau, detuning = xp.exp(at.log_tau), at.detuning(hold)
-    if layout.touched:
-        damped = at.damped(hold)
-        tau, hold = tau / damped, hold._replace(drive=hold.drive / damped)
-    if layout.steady:
-        forced = hold.drive * steady(tau, detuning, hold.omega, xp)
-        return Response(forced, xp.zeros_like(forced), xp.zeros_like(forced))
-    return respond(
-        tau, detuning, hold, layout.both_modes, layout.carrier, layout.amplitude, layout.order, xp=xp
-    )
-
-
-def modelled(shapes: Response, nuisances: tuple[Leaf, ...], layout: Layout) -> Leaf:
-    """Rows that the plant drives: turn h + start e + late h' or, for an amplitude, the mean of Rice's
-    distribution about its size beside an offset, whose level is the root of the floor."""
-    turn, start, late, *amplitude = nuisances
-    w = turn * shapes.forced + start * shapes.free
-    w = w + late * shapes.rate if layout.late else w
-    if not amplitude:
-        return w
-    floor, offset = amplitude
-    return rice.mean(w + offset, floor)
-
-
-def priors(count: int, layout: Layout, xp: Any) -> Leaf:
-    """(K, N) the row of each one's prior: the first one's is the last."""
-    return xp.eye(count, layout.rows)[:, ::-1]
-
-
-def whiten(v: Leaf, x: Experiment) -> Leaf:
-    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid), of
-    vectors (..., N); padding is zero."""
-    before = module(v).concatenate([0.0 * v[..., :1], v[..., :-1]], axis=-1)
-    return times(x.now, v) - times(x.before, before)
-
-
-def off(v: Leaf, x: Experiment) -> Leaf:
-    """Vectors (..., N) less their part in the span of the columns that do not depend on the plant."""
-    # sums, not matrix products: several times faster for a handful of columns
-    along = times(x.basis, v[..., None, :]).sum(axis=-1)[..., None]
-    made = times(x.basis, along) if module(v).iscomplexobj(x.basis) else along * x.basis
-    return v - made.sum(axis=-2)
+    rows: np.ndarray
+    driven: np.ndarray
+    start: np.ndarray
+    floor: np.ndarray
+    late: np.ndarray
+    offset: np.ndarray
+    turn: np.ndarray
+    volume: np.ndarray
+    extra: np.ndarray
 
 
 Groups = tuple[tuple[Layout, Experiment], ...]
+
+
+def each(x: Experiment) -> list[Experiment]:
+    """The logs of a group, one by one."""
+    hold = [Hold(*leaves) for leaves in zip(*x.hold, strict=True)]
+    return [Experiment(*leaves) for leaves in zip(hold, *x[1:], strict=True)]
+
+
+def stacks(x: Experiment) -> list[Experiment]:
+    """The logs of a group in stacks of 16, 4 or 1, say: so that as few programs as possible serve any number
+    of logs."""
+    n, begins = len(x.response), [0]
+    while (left := n - begins[-1]) > 0:
+        begins.append(begins[-1] + 4 ** ((left.bit_length() - 1) // 2))
+    return [jax.tree.map(lambda leaf, some=slice(a, b): leaf[some], x) for a, b in pairwise(begins)]
+
+
+def stacked(vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """(..., m, N) vectors (..., N) of the same or fewer leading axes."""
+    return np.stack(np.broadcast_arrays(*vectors), axis=-2)
+
+
+def priors(count: int, layout: Layout) -> np.ndarray:
+    """(K, N) the row of each one's prior: the first one's is the last."""
+    return np.eye(count, layout.rows)[:, ::-1]
+
+
+def whiten(v: np.ndarray, x: Experiment) -> np.ndarray:
+    """Remove what the noise of each row shares with the row before (Ornstein-Uhlenbeck, any time grid), of
+    vectors (..., m, N); padding is zero."""
+    found = times(x.now[..., None, :], v)
+    found[..., 1:] -= times(x.before[..., None, 1:], v[..., :-1])
+    return found
+
+
+def off(v: np.ndarray, x: Experiment) -> np.ndarray:
+    """Vectors (..., m, N) less their parts in the span of the columns that do not depend on the plant."""
+    if np.iscomplexobj(x.basis):
+        return _off(v.real, x.basis.real) + 1j * _off(v.imag, x.basis.imag)
+    return _off(v, x.basis)
+
+
+def _off(v: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    return v - (v @ np.swapaxes(basis, -1, -2)) @ basis

@@ -33,227 +33,157 @@ The noise level of each log has the scale-free prior 1/sigma and is integrated o
 residual sum S, log p = -sum_logs (degrees of freedom / 2) log S. So are the nuisances: with the information B
 of their coefficients, log p = - 1/2 log det B, which depends on the plant where their columns do.
 
-The same lines are a program of JAX or numpy's, by the arrays that they are given (`model.span.module`).
+Leading axes are of the logs of a group, or of plants: all are looked at together.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from sysid.model.amplitude import amplitude
-from sysid.model.experiment import Experiment, Layout, Residual, basis, modelled, off, priors, whiten
-from sysid.model.plant import Response
-from sysid.model.span import REAL, Span, best_turn, module, turn_towards
-from sysid.model.theta import Theta
-from sysid.rows.hold import Leaf
+from sysid.model.course import Course
+from sysid.model.experiment import Experiment, Layout, Residual, off, priors, stacked, whiten
+from sysid.model.nuisances import Nuisances, changed, modelled
+from sysid.model.span import REAL, Span, best_turn, dot
 
-LATE = 1  # of the columns that depend on the plant, which is the lateness
 # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of
 # `extra`
 OWN = 8
+Unexplained = Callable[[np.ndarray], np.ndarray]  # vectors (..., m, N) less what the nuisances can adjust
 
 
-def residual(theta: Leaf, x: Experiment, layout: Layout) -> Residual:
-    """Whitened residual of one experiment in units of its noise, all nuisances at their optimum."""
-    return _eliminated(theta, _shapes(theta, x, layout), x, layout)[0]
+def residual(course: Course, x: Experiment, layout: Layout) -> Residual:
+    """Whitened residual in units of the noise, all nuisances at their optimum, beside a plant of this
+    `course`."""
+    return _eliminated(course, x, layout)[0]
 
 
-def linearised(theta: Leaf, x: Experiment, layout: Layout) -> tuple[Residual, Callable[[Leaf], Leaf]]:
-    """`residual`, and the derivatives (p, N) of its rows along steps (p, 6) of theta: those of the model with
-    the nuisances held, projected off all that the nuisances can adjust (Kaufman, BIT 15, 49, 1975). The
+def linearised(course: Course, change: Course, x: Experiment, layout: Layout) -> tuple[Residual, np.ndarray]:
+    """`residual`, and the derivatives (..., p, N) of its rows where the course has these: those of the model
+    with the nuisances held, projected off all that the nuisances can adjust (Kaufman, BIT 15, 49, 1975). The
     gradient of the sum of squares is then exact, and J^T J is the information with the nuisances
-    eliminated. Arrays of JAX, differentiated by it; or of numpy, by differences."""
-    shapes = _shapes(theta, x, layout)
-    found, nuisances, unexplained = _eliminated(theta, shapes, x, layout)
-
-    def seen(theta: Leaf, shapes: Response) -> tuple[Leaf, ...]:
-        model = modelled(shapes, nuisances, layout)
-        return (model, _pull(theta, x, layout)) if layout.extra else (model,)
-
-    def along(steps: Leaf) -> Leaf:
-        if module(theta) is np:
-            there = theta + DIFFERENCE * steps
-            pairs = zip(seen(there, _shapes(there, _across(x), layout)), seen(theta, shapes), strict=True)
-            model, *pull = ((moved.T - now) / DIFFERENCE for moved, now in pairs)
-        else:
-            _, change = jax.linearize(lambda t: seen(t, _shapes(t, x, layout)), theta)
-            model, *pull = jax.vmap(change)(steps)
-        return -unexplained(sum(pull, whiten(model, x)))
-
-    return found, along
+    eliminated."""
+    found, nuisances, unexplained = _eliminated(course, x, layout)
+    rows = whiten(changed(course, change, nuisances), x)
+    return found, -unexplained(rows if change.warmer is None else rows + _pull(change.warmer, x, layout))
 
 
-# of a step: a difference is right to it, and to the rounding of numbers over it
-DIFFERENCE = 1e-7
-
-
-def _across(x: Experiment) -> Experiment:
-    """What it holds of intervals and rows (M, 1) and (N, 1), for several plants."""
-    held = {k: v[:, None] if np.ndim(v) and k != "interval" else v for k, v in x.hold._asdict().items()}
-    return x._replace(hold=x.hold._replace(**held), alongside=x.alongside[:, None])
-
-
-def _shapes(theta: Leaf, x: Experiment, layout: Layout) -> Response:
-    """Response to the drive, its rate and the free decay; without G where the log has a gain of its own."""
-    xp = module(theta)
-    if layout.extra:
-        at = Theta.of(theta)
-        tied = xp.where(x.tied[2] > 0, x.tied[0] - at.k_T * x.tied[1], at.f0)
-        theta = xp.stack(at._replace(f0=tied), axis=-1)
-    forced, rate, free = basis(theta, x.hold, layout)
-    gain = 1.0 if layout.own_gain else xp.exp(Theta.of(theta).log_G)
-    forced = gain * forced + x.alongside
-    if layout.own_gain and layout.amplitude:  # the size is all there is, beside a floor whose power adds
-        forced = xp.sqrt(xp.abs(forced) ** 2 + x.floor)
-    unit = xp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
-    found = Response(forced, -gain * x.lateness * rate, x.start_free * unit * free)
-    # Without the barrier the compiler evaluates the plant anew in each of the sums that use it: twice the
-    # time.
-    return found if xp is np else jax.lax.optimization_barrier(found)
-
-
-def _eliminated(theta: Leaf, shapes: Response, x: Experiment, layout: Layout):
-    """The residual, the nuisances at their optimum, and the projection of a vector off all that the nuisances
-    can adjust."""
-    x = x._replace(response=x.response - _pull(theta, x, layout)) if layout.extra else x
+def _eliminated(course: Course, x: Experiment, layout: Layout) -> tuple[Residual, Nuisances, Unexplained]:
+    """The residual, the nuisances at their optimum, and the projection off all that these can adjust."""
+    if course.warmer is not None:
+        x = x._replace(response=x.response - _pull(course.warmer[..., None], x, layout)[..., 0, :])
     if layout.amplitude and not layout.own_gain:
-        return amplitude(shapes, x, layout)
-    return _own_gain(shapes, x, layout) if layout.own_gain else _turned(shapes, x, layout)
+        return amplitude(course, x, layout)
+    return _own_gain(course, x, layout) if layout.own_gain else _turned(course, x, layout)
 
 
-def _pull(theta: Leaf, x: Experiment, layout: Layout) -> Leaf:
-    """(N,) what the prior of the thermometer's error, the last of the extra shapes, holds against a resonance
-    of the log's own: by how much warmer the plate is, in standard deviations."""
-    at, xp = Theta.of(theta), module(theta)
-    warmer = (x.tied[0] - at.f0 - at.k_T * x.tied[1]) / xp.where(at.k_T == 0, 1.0, at.k_T)
-    row = layout.rows - layout.extra - (0 if layout.steady else 1 + layout.late)
-    return xp.tensordot(1.0 * (xp.arange(layout.rows) == row), warmer * x.tied[2], axes=0)
+def _pull(warmer: np.ndarray, x: Experiment, layout: Layout) -> np.ndarray:
+    """(..., m, N) what the prior of the thermometer's error, the last of the extra shapes, holds against a
+    resonance of the log's own: by how much warmer (..., m) the plate is, in standard deviations."""
+    row = layout.rows - layout.extra - (0 if layout.steady else 2)
+    return (warmer * x.tied[..., 2:])[..., None] * (np.arange(layout.rows) == row)
 
 
-def _own(shapes: Response, layout: Layout) -> tuple[Leaf, ...]:
-    """The columns of a d/q log that depend on the plant as it is."""
-    if layout.steady:
-        return ()
-    return (shapes.free, shapes.rate) if layout.late else (shapes.free,)
-
-
-def _extra(x: Experiment, layout: Layout) -> tuple[Leaf, ...]:
-    return tuple(x.extra[k] for k in range(layout.extra))
-
-
-def _with_extra(driven: Leaf, weights: Leaf, x: Experiment, layout: Layout) -> Leaf:
-    """With what the last of the weights make of the log's own shapes."""
-    return driven + weights[len(weights) - layout.extra :] @ x.extra if layout.extra else driven
-
-
-def _numbers(weights: Leaf, x: Experiment, layout: Layout) -> Leaf:
-    """(E,) of the log's own shapes, which are real in the plate's frame."""
-    return (weights[len(weights) - layout.extra :] * x.toward[0].conj()).real
-
-
-def _filled(weights: Leaf, layout: Layout) -> tuple[Leaf, Leaf]:
-    """Start and lateness of the weights that `_own` was given."""
-    zero = module(weights).zeros((), weights.dtype)
-    return (zero if layout.steady else weights[0]), (weights[1] if layout.late else zero)
-
-
-def _turned(shapes: Response, x: Experiment, layout: Layout):
+def _turned(course: Course, x: Experiment, layout: Layout) -> tuple[Residual, Nuisances, Unexplained]:
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are
     two columns, whose coefficients are cos phi and sin phi."""
-    xp = module(shapes.forced)
-    span = _span((*_own(shapes, layout), *_extra(x, layout)), x, layout)
-    white = off(whiten(shapes.forced, x), x)
-    white_ahead = off(whiten(1j * shapes.forced, x), x) if layout.split else 1j * white
-    left, shape = span.off(x.response), span.off(white)
-    ahead = span.off(white_ahead) if layout.split else 1j * shape
-    turn = best_turn(left, shape, ahead) if layout.split else turn_towards(left, shape)
-    turn = xp.where(x.rotated > 0, turn, 1.0)
-    weights = _weights(span, x.response - turn.real * white - turn.imag * white_ahead, x, layout)
-    nuisances = (turn, *_filled(weights, layout))
-    phase = turn.real * ahead - turn.imag * shape  # what a little more rotation adds
-    squares = xp.sum(phase.real**2 + phase.imag**2)
-    share = x.rotated / xp.maximum(squares, 1e-300)
+    columns = _Columns(() if layout.steady else (course.start, course.late), x, layout)
+    white, ahead = _apart(off(whiten(stacked([course.forced, 1j * course.forced]), x), x))
+    parts = _apart(columns.off(stacked([x.response, white, ahead])))
+    turn = np.where(x.rotated > 0, best_turn(*parts), 1.0)
+    c, s, (left, shape, sideways) = turn.real[..., None], turn.imag[..., None], parts
+    weights = columns.weights(x.response - c * white - s * ahead)
+    phase = (c * sideways - s * shape)[..., None, :]  # what a little more rotation adds
+    squares = dot(phase, phase).real
+    share = x.rotated[..., None] / np.maximum(squares, 1e-300)
 
-    def unexplained(v: Leaf) -> Leaf:
-        v = span.off(off(v, x))
-        return v - (share * (v @ phase.conj()).real)[..., None] * phase
+    def unexplained(v: np.ndarray) -> np.ndarray:
+        v = columns.off(off(v, x))
+        return v - (share * dot(phase, v).real)[..., None] * phase
 
-    driven = _with_extra(modelled(shapes, nuisances, layout), weights, x, layout)
-    late = (nuisances[2] * turn.conj()).real
-    rows = left - turn.real * shape - turn.imag * ahead
-    volume = span.volume + 0.5 * x.rotated * xp.log1p(squares)
-    numbers = _numbers(weights, x, layout)
-    return (
-        Residual(rows, driven, nuisances[1], x.floor, late, x.offset, turn, volume, numbers),
-        nuisances,
-        unexplained,
-    )
+    at = Nuisances(turn) if layout.steady else Nuisances(turn, weights[..., 0], weights[..., 1])
+    volume = columns.volume + 0.5 * x.rotated * np.log1p(squares[..., 0])
+    return _found(course, at, left - c * shape - s * sideways, volume, weights, x, layout), at, unexplained
 
 
-def _own_gain(shapes: Response, x: Experiment, layout: Layout):
+def _own_gain(course: Course, x: Experiment, layout: Layout) -> tuple[Residual, Nuisances, Unexplained]:
     """A sweep whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
-    span = _span((shapes.forced, *_extra(x, layout)), x, layout)
-    weights = _weights(span, x.response, x, layout)
-    nuisances = (weights[0], *_filled(weights[1:], layout))
-    driven = _with_extra(modelled(shapes, nuisances, layout), weights, x, layout)
-    numbers = _numbers(weights, x, layout)
-    found = Residual(
-        span.off(x.response), driven, x.start, x.floor, x.late, x.offset, weights[0], span.volume, numbers
-    )
-    return found, nuisances, lambda v: span.off(off(v, x))
+    columns = _Columns((course.forced,), x, layout)
+    weights, rows = columns.weights(x.response), columns.off(x.response[..., None, :])[..., 0, :]
+    at = Nuisances(weights[..., 0])
+    found = _found(course, at, rows, columns.volume, weights, x, layout)
+    return found, at, lambda v: columns.off(off(v, x))
 
 
-def _span(columns: Sequence[Leaf], x: Experiment, layout: Layout) -> Span:
-    """What columns can make, whitened, each with the row of its prior, off the columns that do not depend on
-    the plant; with complex coefficients or, where these are split, with real ones of each and of j times
-    it."""
-    if not columns:
-        return Span(())
-    xp = module(x.now)
-    made, prior = xp.stack(columns), priors(len(columns), layout, xp)
-    if layout.split:
-        made = (_turns(len(columns), x, layout)[..., None] * made[:, None]).reshape(-1, layout.rows)
-        prior = (xp.array([[1.0], [1j]]) * prior[:, None]).reshape(-1, layout.rows)
-    held = off(off(whiten(made, x) + x.tightness * prior, x), x)  # twice is enough
-    return Span(list(held), real=layout.split)
+def _found(
+    course: Course,
+    at: Nuisances,
+    rows: np.ndarray,
+    volume: np.ndarray,
+    weights: np.ndarray,
+    x: Experiment,
+    layout: Layout,
+) -> Residual:
+    """The residual by its rows and its volume, and the weights of all columns."""
+    own = weights[..., weights.shape[-1] - layout.extra :]
+    driven = modelled(course, at) + (own[..., None, :] @ x.extra)[..., 0, :]
+    numbers = (own * x.toward[..., :1].conj()).real  # the log's own shapes are real in the plate's frame
+    start = x.start if at.start is None else at.start
+    late = x.late if at.late is None else (at.late * at.turn.conj()).real
+    return Residual(rows, driven, start, x.floor, late, x.offset, at.turn, volume, numbers)
 
 
-def _turns(columns: int, x: Experiment, layout: Layout) -> Leaf:
-    """(K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of. Those
-    of the log's own shapes are real in the plate's frame."""
-    xp = module(x.toward)
-    turns = columns * [xp.asarray([1.0, 1j])]
-    if layout.late:
-        turns[LATE] = x.toward
-    turns[columns - layout.extra :] = layout.extra * [x.toward[0] * xp.asarray([1.0, 1j * REAL])]
-    return xp.array(turns).reshape(columns, 2)
+class _Columns(Span):
+    """What columns of the plant's, and the log's own shapes, can make, whitened, each with the row of its
+    prior, off the columns that do not depend on the plant; with complex coefficients or, where these are
+    split, with real ones of each and of j times it."""
+
+    def __init__(self, own: Sequence[np.ndarray], x: Experiment, layout: Layout):
+        columns = (*own, *np.moveaxis(x.extra, -2, 0))
+        made = stacked(columns) if columns else np.zeros((0, layout.rows), complex)
+        prior = priors(len(columns), layout)
+        self.turns = _turns(len(columns), x, layout) if layout.split else None
+        if self.turns is not None:
+            made = (self.turns[..., None] * made[..., None, :]).reshape(*made.shape[:-2], -1, layout.rows)
+            prior = (np.array([[1.0], [1j]]) * prior[:, None]).reshape(-1, layout.rows)
+        held = whiten(made, x) + x.tightness[..., None, None] * prior
+        super().__init__(off(off(held, x), x), real=layout.split)  # twice is enough
+
+    def weights(self, v: np.ndarray) -> np.ndarray:
+        """(..., K) complex coefficients of the columns in `v` (..., N)."""
+        found = super().weights(v)
+        if self.turns is None:
+            return found
+        return (found.reshape(*found.shape[:-1], -1, 2) * self.turns).sum(axis=-1)
 
 
-def _weights(span: Span, v: Leaf, x: Experiment, layout: Layout) -> Leaf:
-    """Complex coefficients of the columns of `_span` in `v`."""
-    found = span.weights(v)
-    if not layout.split:
-        return found
-    return (found.reshape(-1, 2) * _turns(len(found) // 2, x, layout)).sum(axis=1)
+def _turns(count: int, x: Experiment, layout: Layout) -> np.ndarray:
+    """(..., K, 2) the two complex numbers of each column whose real multiples its coefficient is the sum of.
+    Those of the log's own shapes are real in the plate's frame, as is how late the response is."""
+    turns = np.empty((*x.toward.shape[:-1], count, 2), complex)
+    turns[:] = 1.0, 1j
+    if not layout.steady:
+        turns[..., 1, :] = x.toward
+    turns[..., count - layout.extra :, :] = x.toward[..., None, :1] * [1.0, 1j * REAL]
+    return turns
+
+
+def _apart(v: np.ndarray) -> np.ndarray:
+    """(m, ..., N) of vectors (..., m, N)."""
+    return np.moveaxis(v, -2, 0)
 
 
 def density(
-    squares: Sequence[Leaf], volumes: Sequence[Leaf], groups: Sequence[Experiment], xp: Any = jnp
-) -> Leaf:
+    squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray], groups: Sequence[Experiment]
+) -> np.ndarray:
     """Log posterior density up to a constant, by the sums of squares (..., logs) of each group's whitened
     residual rows and the nuisances' volumes: flat in log G, log tau, f0 and k_T, nuisances and noise levels
-    integrated out. `xp`: numpy or jax.numpy.
+    integrated out.
 
     No level is below that of rounding, so that the density of logs without noise is finite and of its width.
     """
-    total = 0.0
+    total = np.zeros(())
     for square, volume, x in zip(squares, volumes, groups, strict=True):
-        blank = x.freedom == 0  # padding of its group
-        total = total - xp.sum(xp.where(blank, 0.0, volume), axis=-1)
-        total = total - 0.5 * xp.sum(
-            x.freedom * xp.log(xp.where(blank, 1.0, square + x.freedom * x.rounding)), axis=-1
-        )
+        total = total - np.sum(volume, axis=-1)
+        total = total - 0.5 * np.sum(x.freedom * np.log(square + x.freedom * x.rounding), axis=-1)
     return total

@@ -1,12 +1,7 @@
-"""Least squares over a few columns, with complex or real coefficients; and over an angle."""
+"""Least squares over a few columns, with complex or real coefficients; and over an angle. Leading axes are of
+logs, or of plants."""
 
-from collections.abc import Sequence
-from types import ModuleType
-
-import jax.numpy as jnp
 import numpy as np
-
-from sysid.rows.hold import Leaf
 
 REAL = 1e-3  # share of the prior of a real coefficient that its imaginary part has
 ANGLES = 32  # at which a rotation is tried before Newton's method
@@ -14,15 +9,14 @@ TRIED = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
 NEWTON = 5  # of its steps: from a 32nd of a turn to rounding
 
 
-def module(array: Leaf) -> ModuleType:
-    """numpy or jax.numpy, whichever the array is of."""
-    return np if isinstance(array, (np.ndarray, np.generic)) else jnp
-
-
-def times(a: Leaf, v: Leaf) -> Leaf:
-    """a v; where `a` is complex, real part by real part and imaginary part by imaginary part. numpy or
-    jax.numpy."""
+def times(a: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """a v; where `a` is complex, real part by real part and imaginary part by imaginary part."""
     return a.real * v.real + 1j * (a.imag * v.imag) if np.iscomplexobj(a) else a * v
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(...,) the sum of conj(a) b over the last axis."""
+    return np.einsum("...n,...n->...", a.conj(), b)
 
 
 def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
@@ -37,60 +31,49 @@ def orthonormal(columns: np.ndarray, alike: float) -> np.ndarray:
 
 
 class Span:
-    """The span of a few columns (N,): Gram-Schmidt, twice, remembering each unit vector's weights of the
-    columns. `real`: with real coefficients, of complex columns too. `volume`: half the logarithm of the
-    determinant of the coefficients' information. Vectors may be several, (..., N).
+    """The span of columns (..., K, N). `real`: with real coefficients, of complex columns too. `volume`
+    (...,): half the logarithm of the determinant of the coefficients' information.
     """
 
-    def __init__(self, columns: Sequence[Leaf], real: bool = False):
-        self.units: list[tuple[Leaf, Leaf]] = []
-        self.real, self.volume = real, 0.0
-        for i, unit in enumerate(columns):
-            xp = module(unit)
-            made_of = xp.eye(len(columns), dtype=unit.real.dtype if real else unit.dtype)[i]
-            for other, weights in 2 * self.units:
-                along = self._along(other, unit)
-                unit, made_of = unit - along * other, made_of - along * weights
-            size = xp.sqrt(xp.vdot(unit, unit).real)
-            self.units.append((unit / size, made_of / size))
-            self.volume = self.volume + (1 if real else 2) * xp.log(size)
+    def __init__(self, columns: np.ndarray, real: bool = False):
+        self.real = real
+        self.units, self.made = np.linalg.qr(np.swapaxes(self._rows(columns), -1, -2))
+        numbers = 2 if np.iscomplexobj(self.made) else 1  # in a coefficient
+        size = np.abs(np.diagonal(self.made, axis1=-2, axis2=-1))
+        self.volume: np.ndarray = numbers * np.sum(np.log(size), axis=-1)
 
-    def off(self, v: Leaf) -> Leaf:
-        for unit, _ in self.units:
-            v = v - self._along(unit, v)[..., None] * unit
-        return v
+    def off(self, v: np.ndarray) -> np.ndarray:
+        """Vectors (..., m, N) less their parts in the span."""
+        rows = self._rows(v)
+        return (rows - self._along(rows) @ np.swapaxes(self.units, -1, -2)).view(v.dtype)
 
-    def weights(self, v: Leaf) -> Leaf:
-        """Least-squares weights of the columns in `v`."""
-        none = module(v).zeros(len(self.units))
-        return sum((self._along(unit, v) * made_of for unit, made_of in self.units), none)
+    def weights(self, v: np.ndarray) -> np.ndarray:
+        """(..., K) least-squares weights of the columns in a vector (..., N)."""
+        return np.linalg.solve(self.made, np.swapaxes(self._along(self._rows(v[..., None, :])), -1, -2))[
+            ..., 0
+        ]
 
-    def _along(self, unit: Leaf, v: Leaf) -> Leaf:
-        along = v @ unit.conj()
-        return along.real if self.real else along
+    def _along(self, rows: np.ndarray) -> np.ndarray:
+        return rows @ self.units.conj()
+
+    def _rows(self, v: np.ndarray) -> np.ndarray:
+        """Vectors as they are, or real and imaginary parts side by side."""
+        return np.ascontiguousarray(v, complex).view(float) if self.real else v
 
 
-def turn_towards(left: Leaf, shape: Leaf) -> Leaf:
-    """e^{j phi} that makes |left - e^{j phi} shape|^2 smallest; 1 where they have nothing in common."""
-    xp = module(left)
-    overlap = xp.vdot(shape, left)
-    safe = xp.where(overlap == 0, 1.0, overlap)
-    return safe / xp.hypot(safe.real, safe.imag)
-
-
-def best_turn(left: Leaf, shape: Leaf, ahead: Leaf) -> Leaf:
-    """e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then
-    Newton's method, whose steps turn by 2 atan(step/2), so that no sine is compiled."""
-    xp = module(left)
-    p, q = (xp.vdot(v, left).real for v in (shape, ahead))
-    a, b, d = (xp.vdot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
-    c, s = xp.asarray(TRIED.real), xp.asarray(TRIED.imag)
-    best = xp.argmin(0.5 * (a * c**2 + d * s**2) + b * c * s - p * c - q * s)
+def best_turn(left: np.ndarray, shape: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """(...,) e^{j phi} that makes |left - cos phi shape - sin phi ahead|^2 smallest: the best of ANGLES, then
+    Newton's method, whose steps turn by 2 atan(step/2)."""
+    p, q = (dot(v, left).real for v in (shape, ahead))
+    a, b, d = (dot(u, v).real for u, v in ((shape, shape), (shape, ahead), (ahead, ahead)))
+    squares = np.stack([0.5 * a, 0.5 * d, b, -p, -q], axis=-1)
+    c, s = TRIED.real, TRIED.imag
+    best = np.argmin(squares @ np.stack([c**2, s**2, c * s, c, s]), axis=-1)
     c, s = c[best], s[best]
     for _ in range(NEWTON):
         slope = (d - a) * c * s + b * (c**2 - s**2) + p * s - q * c
         bend = (d - a) * (c**2 - s**2) - 4 * b * c * s + p * c + q * s
-        half = -0.5 * xp.where(bend > 0, slope / xp.where(bend > 0, bend, 1.0), 0.0)
+        half = -0.5 * np.where(bend > 0, slope / np.where(bend > 0, bend, 1.0), 0.0)
         less, more = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
         c, s = less * c - more * s, less * s + more * c
     return c + 1j * s

@@ -17,13 +17,10 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from sysid.minimum.minimise import State
-from sysid.model.experiment import Experiment, Groups, Layout
+from sysid.model.course import of_plants
+from sysid.model.experiment import Experiment, Groups, Layout, each
 from sysid.model.likelihood import density, residual
-from sysid.model.theta import NAMES
 from sysid.posterior.mixture import Mixture
-from sysid.precision import SLOW, compiled, makes_beside
-from sysid.trials.experiment import each, group, stacks
 
 FAR = 5.0  # standard deviations: of a hundred draws of the proposal one is further away
 # points at which the polynomial is compared; it is made from twice as many as it has coefficients
@@ -31,46 +28,7 @@ CHECKS = 32
 FAITHFUL = 1e-3  # of a log density: an acceptance changes by a thousandth
 BATCH = 16  # points that are evaluated together: as many as the processor's cache takes
 LARGEST = 1 << 18  # rows times points that are evaluated together, above which memory is what it waits for
-FEW = 8  # logs, of which numpy has done the hundred points of a polynomial before a program is compiled
 MANY = 1 << 19  # rows of all logs whose products are taken together: a hundred points of them are a gigabyte
-
-
-@compiled
-def _rows(thetas, layout, x):
-    """Whitened residual rows (n, logs, N) of a stack of logs, and volumes (n, logs), at the points `thetas`
-    (n, 6)."""
-
-    def one(theta):
-        found = jax.vmap(lambda x: residual(theta, x, layout))(x)
-        return found.rows, found.volume
-
-    return jax.vmap(one)(thetas)
-
-
-@np.errstate(all="ignore")  # a point where the density is not finite has none
-def _plainly(thetas: np.ndarray, layout: Layout, x: Experiment) -> tuple[np.ndarray, np.ndarray]:
-    """The same with numpy."""
-    logs = each(x)
-    found = [[residual(theta, log, layout) for log in logs] for theta in thetas]
-    rows, volumes = ([[getattr(r, name) for r in row] for row in found] for name in ("rows", "volume"))
-    return np.array(rows), np.array(volumes)
-
-
-def prepare(state: State, reference: tuple[float, float]) -> None:
-    """Start making the program of the density about a minimum in the background."""
-    if not makes_beside():
-        return
-    groups, _ = group(state.trials, reference, low_q=state.low_q)
-    thetas = np.zeros((_batch(groups), len(NAMES)))
-    for layout, x in groups if not _by_numpy(groups, 1) else ():
-        for stack in stacks(x):
-            _rows.prepare(thetas, layout, stack)
-
-
-def _by_numpy(groups: Groups, minima: int) -> bool:
-    """Whether numpy makes the polynomials before a program for them would be compiled."""
-    logs = sum(len(x.response) for _, x in groups)
-    return logs * minima <= FEW and max(layout.rows for layout, _ in groups) < SLOW
 
 
 def _batch(groups: Groups) -> int:
@@ -103,7 +61,6 @@ class Density:
         until: float = np.inf,
     ):
         self.theta, self.about, self.error, self.until, self.pace = theta, about, 0.0, until, 0.0
-        self.plain = about is not None and _by_numpy(groups, len(about.weights))
         self.groups, self.batch = groups, _batch(groups)
         self.cubics: list[_Cubic | None] = []  # about each minimum; None where it is not faithful
 
@@ -147,7 +104,6 @@ class Density:
             )
             self.cubics.append(cubic if error <= FAITHFUL else None)
             self.error = max(self.error, float(error) if error <= FAITHFUL else 0.0)
-        self.plain = self.plain and None not in self.cubics
 
     def _by_cubic(self, cubic: _Cubic, u: np.ndarray) -> np.ndarray:
         """At points (n, p) in standard deviations from its minimum."""
@@ -161,8 +117,7 @@ class Density:
             [(np.einsum("nlk,nlk->nl", r, r), v) for r, v in rows] for rows in self._batches(z, self.groups)
         ]
         found = [
-            [np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True)]
-            for parts in zip(*squares, strict=True)
+            [np.concatenate(x) for x in zip(*parts, strict=True)] for parts in zip(*squares, strict=True)
         ]
         return self._of(*zip(*found, strict=True))
 
@@ -173,7 +128,7 @@ class Density:
         volumes: list[list[np.ndarray]] = [[] for _ in self.groups]
         for index, groups in self._few():
             for i, parts in zip(index, zip(*self._batches(z, groups), strict=True), strict=True):
-                rows, volume = (np.concatenate(x)[: len(z)] for x in zip(*parts, strict=True))
+                rows, volume = (np.concatenate(x) for x in zip(*parts, strict=True))
                 products[i] += [r @ r.T for r in np.moveaxis(rows, 1, 0)]
                 volumes[i].append(volume)
         return [np.stack(x) for x in products], [np.concatenate(v, axis=1) for v in volumes]
@@ -190,27 +145,25 @@ class Density:
     def _batches(self, z: np.ndarray, groups: Groups) -> Iterator[list[tuple[np.ndarray, np.ndarray]]]:
         """Residual rows (n, logs, N) of each group at a few points of z at a time, real and imaginary parts
         side by side; and volumes (n, logs)."""
-        full = self.theta(np.concatenate([z, np.repeat(z[-1:], -len(z) % self.batch, axis=0)]))
-        for part in full.reshape(-1, self.batch, full.shape[1]):
+        for k in range(0, len(z), self.batch):
             if (begun := perf_counter()) > self.until:
                 raise TimeoutError
-            found = [_of_group(part, layout, x, self.plain) for layout, x in groups]
-            self.pace = (
-                perf_counter() - begun
-            ) / self.batch  # the last is right: the first also loads the program
+            thetas = self.theta(z[k : k + self.batch])
+            found = [_of_group(thetas, layout, x) for layout, x in groups]
+            self.pace = (perf_counter() - begun) / len(thetas)
             yield found
 
     def _of(self, squares: Sequence[np.ndarray], volumes: Sequence[np.ndarray]) -> np.ndarray:
-        return _finite(density(squares, volumes, [x for _, x in self.groups], np))
+        return _finite(density(squares, volumes, [x for _, x in self.groups]))
 
 
-def _of_group(
-    thetas: np.ndarray, layout: Layout, x: Experiment, plain: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """What is found of all logs of a group, real and imaginary parts side by side."""
-    found = [_plainly(thetas, layout, x)] if plain else [_rows(thetas, layout, stack) for stack in stacks(x)]
-    rows, volumes = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
-    return rows.view(float), volumes
+@np.errstate(all="ignore")  # a point where the density is not finite has none
+def _of_group(thetas: np.ndarray, layout: Layout, x: Experiment) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened residual rows (n, logs, N) of all logs of a group, real and imaginary parts side by side, and
+    volumes (n, logs), at the points `thetas` (n, 6)."""
+    found = [residual(of_plants(thetas, log, layout), log, layout) for log in each(x)]
+    rows = np.stack([f.rows for f in found], axis=1)
+    return rows.view(float), np.stack([np.broadcast_to(f.volume, len(thetas)) for f in found], axis=1)
 
 
 def _finite(value: np.ndarray) -> np.ndarray:

@@ -1,9 +1,7 @@
 """From trials to the padded arrays of the likelihood, in groups of one layout."""
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 
-import jax
 import numpy as np
 
 from sysid.model.experiment import Experiment, Groups, Layout
@@ -33,31 +31,11 @@ def group(
         stacks.setdefault(layout, []).append((i, x))
     groups, members = [], []
     for layout, stack in sorted(stacks.items(), key=lambda item: item[0]):
-        xs = [x for _, x in stack]
-        blank = xs[0]._replace(
-            now=np.zeros_like(xs[0].now), before=np.zeros_like(xs[0].now), freedom=np.zeros(())
-        )
-        xs += [blank] * (bucket(len(xs)) - len(xs))
-        stacked = [np.array(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for x in xs], strict=True)]
+        stacked = [np.array(leaves) for leaves in zip(*[(*x.hold, *x[1:]) for _, x in stack], strict=True)]
         inputs = len(Hold._fields)
         groups.append((layout, Experiment(Hold(*stacked[:inputs]), *stacked[inputs:])))
         members.append([i for i, _ in stack])
     return tuple(groups), members
-
-
-def each(x: Experiment) -> list[Experiment]:
-    """The logs of a group, one by one."""
-    hold = [Hold(*leaves) for leaves in zip(*x.hold, strict=True)]
-    return [Experiment(*leaves) for leaves in zip(hold, *x[1:], strict=True)]
-
-
-def stacks(x: Experiment) -> list[Experiment]:
-    """The logs of a group in stacks of 16, 4 or 1, say: so that as few programs as possible serve any number
-    of logs."""
-    n, begins = len(x.response), [0]
-    while (left := n - begins[-1]) > 0:
-        begins.append(begins[-1] + 4 ** ((left.bit_length() - 1) // 2))
-    return [jax.tree.map(lambda leaf, some=slice(a, b): leaf[some], x) for a, b in pairwise(begins)]
 
 
 def _sizes(lengths: Sequence[int], kinds: Sequence[bool]) -> list[int]:
@@ -95,19 +73,17 @@ def _experiment(
     own_gain = trial.steady and trial.log.drive is None
     moving = bool(not trial.steady and trial.resonant)
     carrier = moving and trial.log.theta is not None
-    late = not trial.steady
     both, order = low_q and trial.ripples, trial.smoothing[1]
     size = abs(trial.bench.turn) or 1.0
     apart, toward = bool(noise.levels), trial.bench.turn / size
     extra = [_pad(x[keep], rows) for x in trial.extra_columns.values()]
-    split = apart or (late and swept and not amplitude) or bool(extra)
+    split = apart or (swept and not (trial.steady or amplitude)) or bool(extra)
     beside = trial.bench.alongside
     flags = (
         amplitude,
         own_gain,
         both,
         carrier,
-        late,
         trial.touched or trial.slowed,
         apart,
         split,
