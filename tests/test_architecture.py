@@ -27,7 +27,7 @@ columns    preset plan metadata signal mapping mapfile labels factors survey rol
 demodulation  lockin switched carrier waveform
 logs       capture opening missing filled stated parted wrapped timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare
-model      carry plant span rice theta experiment amplitude likelihood prior
+model      carry plant span rice theta experiment course nuisances amplitude likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected mixed jitter extra rounds rounded residuals renew whole
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift mode beside blur stretch registry

@@ -75,13 +75,6 @@ def test_what_fails_beside_fails_where_it_is_used(beside):
     precision._all.remove(made)
 
 
-def test_the_minimum_is_told_before_the_rest(bench):
-    told = []
-    fit = sysid.fit([bench.sweep()], meanwhile=lambda state, reference: told.append((state, reference)))
-    ((state, reference),) = told
-    assert state is fit.modes[0] and reference == fit.reference
-
-
 def test_the_command_does_without_the_libraries_that_emcee_does_not_need():
     script = "import sys, sysid.command.clock as c;"
     script += " b = c.Budget(None, 0.0, c.Stages(), c.Path('none')); b.load_chains(alone=True);"
