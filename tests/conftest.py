@@ -52,6 +52,11 @@ def tiers(few, every):
     return [pytest.param(few, id="few"), study(every, id="all")]
 
 
+def sampled(values, every=2):
+    """Of many values of a parameter each `every`-th, and in the study all."""
+    return [v if k % every == 0 else study(v) for k, v in enumerate(values)]
+
+
 def seeds(few, every):
     """The test is one of `seeds`: few, and in the study every one. Its bounds follow from their number."""
     return pytest.mark.parametrize("seeds", tiers(range(few), range(every)))

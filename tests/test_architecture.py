@@ -31,7 +31,7 @@ model      carry plant span rice theta experiment course nuisances amplitude lik
 trials     noise whitening bench record trial experiment heat perturbed projected mixed jitter extra rounds rounded residuals renew whole
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift mode beside blur stretch registry
-verdict    result finding identify wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
+verdict    result finding identify low_pass wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
            sensor_delay differing term firstorder timing between throughout terms linear averaged misfit amplitude_offset
            inconsistent_log conjugate_phase conclusion ownership decay bench comparison
 reading

@@ -59,6 +59,7 @@ def scores(seeds, made, name):
     return np.array(found)
 
 
+@pytest.mark.study
 def test_the_sign_of_a_temperature_coefficient_is_not_guessed(seeds):
     """Driven at the resonance of 24 degC, and turned by any phase, +k_T and -k_T look alike: of 20 such
     benches 6 had the wrong sign, by hundreds of standard deviations."""

@@ -234,6 +234,7 @@ def test_what_would_move_k_t_alone_is_not_told(linear):
     assert not averaging.assumed(each, ["k_T"] * len(fit.names), fit.std, logs)
 
 
+@pytest.mark.study
 def test_a_slow_sweep_of_one_direction_hides_that_the_plate_heats_itself():
     """A second at each of 101 frequencies: what would not show of it is told, and a plate that heats itself,
     with f0 15 standard deviations too low, has an error that spans it."""

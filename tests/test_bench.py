@@ -5,6 +5,7 @@ import tomllib
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from conftest import SYNTHETIC
 
 import sysid
@@ -34,6 +35,7 @@ def unit_normal(z):
     return abs(z.mean()) < 3.5 / np.sqrt(SEEDS) and abs(z.std(ddof=1) - 1) < 3.5 / np.sqrt(2 * SEEDS)
 
 
+@pytest.mark.study
 def test_of_a_sweep_with_its_plant_known_from_the_same_rows(bench):
     truth = {n: v for n, v in ADDED.items() if n in ("rotation", "noise")}
     # at one drive an offset is part of the background
@@ -43,6 +45,7 @@ def test_of_a_sweep_with_its_plant_known_from_the_same_rows(bench):
     } == dict.fromkeys(truth, True)
 
 
+@pytest.mark.study
 def test_of_a_step(bench):
     assert {
         n: unit_normal(z) for n, z in scores(lambda seed: bench.transient(seed=seed), ADDED).items()

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import tiers
+from conftest import study, tiers
 from scipy.stats import kstest
 
 STUDY = SimpleNamespace(
@@ -21,7 +21,7 @@ def ranks(name, runs, **given):
     return found, lambda parameter: [r.ranks[parameter] for r in found if r.bounded]
 
 
-@pytest.mark.parametrize("name", ["lone step", "step without a frequency"])
+@pytest.mark.parametrize("name", ["lone step", study("step without a frequency")])
 @pytest.mark.parametrize("runs", tiers(10, 30))
 def test_the_truth_is_any_draw_of_its_posterior(name, runs):
     found, of = ranks(name, runs)
@@ -31,6 +31,7 @@ def test_the_truth_is_any_draw_of_its_posterior(name, runs):
     )  # of five: once in 200 runs
 
 
+@pytest.mark.study
 def test_a_posterior_without_its_prior_s_width_is_found_out():
     """Lateness taken as known: G is then far from its draws, on either side, which the same ranks show."""
     found, of = ranks(

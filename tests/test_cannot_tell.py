@@ -85,6 +85,7 @@ def test_as_many_unknowns_as_numbers_tell_nothing(bench, points):
         assert "hardly more than the unknowns" in found.parameters["tau"].why
 
 
+@pytest.mark.study
 @seeds(6, 40)
 def test_few_points_that_tell_their_noise_are_fitted(bench, seeds):
     z = []

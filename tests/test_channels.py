@@ -98,6 +98,7 @@ def unit_normal(z):
     return abs(z.mean()) < 3.5 / np.sqrt(SEEDS) and abs(z.std() - 1) < 3.5 / np.sqrt(2 * SEEDS)
 
 
+@pytest.mark.study
 def test_errors_with_one_bad_channel_are_those_of_the_estimates():
     z, fits = scores(lambda seed: step(parted(0.02, 0.06, [seed, 5], 220)))
     assert unit_normal(z) and all(len(f.logs[0].levels) == 2 for f in fits)

@@ -193,6 +193,7 @@ def without_phase(save, of=LANGEVIN._replace(C0=1e-14), seed=0):  # noqa: B008
     return sysid.read_logs(save(rows("f_Hz,Y_S", f, Y)), columns=save(given, "map.toml"))
 
 
+@pytest.mark.study
 @seeds(1, 20)
 def test_amplitudes_show_C0_by_the_feedthrough_under_them(save, seeds):
     """And hardly its losses: where tan d might be anything, it is absent."""

@@ -173,6 +173,7 @@ def test_success_writes_the_whole_set_and_keeps_the_users_own_file(first):
     assert cost["next"]["accuracy"] == "exact" and "--accuracy exact would take" in cost["sentence"]
 
 
+@pytest.mark.study
 def test_quick_is_the_standard_within_the_error_that_it_states(first, quick):
     assert quick.code == 0, quick.err
     content, standard = json.loads(quick.out), json.loads(first.files["fit.json"])
@@ -188,6 +189,7 @@ def test_quick_is_the_standard_within_the_error_that_it_states(first, quick):
     assert content["cost"]["twice_as_exact_s"] is None and content["cost"]["next"]["accuracy"] == "standard"
 
 
+@pytest.mark.study
 def test_an_older_fit_of_the_same_logs_shows_no_change(quick):
     change = json.loads(quick.out)["change"]
     assert not change["changed"] and change["sentence"].startswith("no change of the plate is seen")
@@ -408,6 +410,7 @@ def test_a_number_that_is_not_understood_is_refused_with_what_was_expected(given
     assert f"argument {option}: found {value}, expected" in said
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("form", [[], study(["--json"])], ids=str)
 def test_a_reader_that_leaves_changes_no_exit_code(tmp_path, form):
     """As `identify ... | head -1` does: what the command found and wrote is as it would be."""

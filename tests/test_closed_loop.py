@@ -136,7 +136,7 @@ def test_a_loop_is_that_of_the_carrier(latency):
 
 SENSOR = ["second_mode", "two_ceramics", "feedthrough", "rotation", "offset"]
 ALONE = [
-    ["lock_in"],
+    study(["lock_in"]),
     study(["delay"]),
     SENSOR,
     ["duffing"],
@@ -416,6 +416,7 @@ def test_lock_and_rest_of_the_tracker():
     )  # published study
 
 
+@pytest.mark.study
 def test_a_coarse_timer_does_not_chatter():
     step = 10.4
     rig = controller.Rig(frequency_step=step)
@@ -457,6 +458,7 @@ def test_a_thermometer_feeds_forward():
     assert worst[1] < 3.0 < worst[0]
 
 
+@pytest.mark.study
 def test_adaptive_without_latency_and_with_three_samples():
     for late in (0, 3):
         loop = controller.design(PLATE, method="adaptive", latency=late * T, voltage_limit=350.0)

@@ -48,6 +48,7 @@ def names(bench, tmp_path_factory):
     }  # fmt: skip
 
 
+@pytest.mark.study
 def test_what_is_here_runs(names):
     names["fit"].save(names["folder"])
     wrong = {}

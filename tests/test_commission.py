@@ -267,6 +267,7 @@ def test_logs_or_a_check_but_not_both_nor_none(capsys):
     capsys.readouterr()
 
 
+@pytest.mark.study
 def test_a_start_at_a_fiftieth_of_the_amplitude_finds_the_resonance():
     """300 Hz away: in run a tracker holds below a fiftieth, and a start would be lost if it did as well."""
     given = [lanes.Lane(f0=off) for off in (-300.0, 0.0, 300.0)]

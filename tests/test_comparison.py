@@ -90,6 +90,7 @@ def test_a_step_beside_resonance_needs_its_detuning(bench):
     assert not found(near)["first order, without detuning"].worse
 
 
+@pytest.mark.study
 def test_what_is_not_there_is_seldom_needed(bench):
     """Neither a rotation nor a background: each is called needed in one of twenty by design."""
     fits = [sysid.fit([sweep(bench, 100 + k)]) for k in range(40)]

@@ -101,6 +101,7 @@ BESIDE = (
 )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("drive", ["held", "swept"])
 def test_several_modes_add(drive):
     """The plate is linear: what several modes do is the sum of what each does by itself."""
@@ -130,6 +131,7 @@ def test_two_ceramics_cancel_odd_modes_and_see_even_ones():
     np.testing.assert_allclose(seen[1] - bare, whole[1] - bare, atol=1e-8)
 
 
+@pytest.mark.study
 def test_a_loop_holds_what_its_ceramics_read_of_all_modes():
     """Settled at its voltage and frequency, by the response of each mode; what moves is another sum of
     them."""
@@ -144,6 +146,7 @@ def test_a_loop_holds_what_its_ceramics_read_of_all_modes():
     assert trace.W[-1] > 1.05 and f > PLATE.f0 + 20.0
 
 
+@pytest.mark.study
 def test_a_lock_in_sees_the_same_share():
     filtered = EFFECTS["lock_in"](tau=1e-5)
     both = [scene(*BESIDE, *more, rows=2001).simulate().response[-1] for more in ((), (filtered,))]

@@ -301,7 +301,7 @@ def test_gate():
     assert not moved(math.nan, 1.0 + 1.0j)
 
 
-@pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
+@pytest.mark.parametrize("method", ["pi", study("paper"), study("pll"), "adaptive"])
 def test_a_reference_next_to_nothing_leaves_the_resonance_alone(method):
     """For 0.2 s a millionth of the amplitude is asked for, under noise of 0.1 %: Wq/Wd is noise then, and a
     tracker that followed it drove by hundreds of Hz beside the resonance, from where the amplitude came back
@@ -363,7 +363,7 @@ def test_of_several_plants_each_remembers_what_it_was_shown():
     assert of[0].tolist() == [of[1][0].tolist(), of[2][1].tolist()] and of[0][0, 0] != of[0][1, 0]
 
 
-@pytest.mark.parametrize("method", ["pi", "paper", "pll", "adaptive"])
+@pytest.mark.parametrize("method", ["pi", study("paper"), "pll", study("adaptive")])
 def test_a_plate_of_negative_gain_is_tracked(method):
     """Its voltage is negative where nothing brakes: the tracker once took that for braking, and stood still.
     The resonance lies half a half bandwidth beside the start."""
@@ -390,6 +390,7 @@ def test_a_slow_loop_says_when_it_is_there():
     assert 3 * slow < loop.promise.startup < 4.5 * slow
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("bandwidth", [study(3.0), 8.0])
 def test_a_finger_slows_a_loop_that_is_slower_than_its_plate(bandwidth):
     """Of the plate's time constant, 1.7 ms, little is to be seen: it is a gain, which the finger halves, under

@@ -40,6 +40,7 @@ def test_values_and_derivatives_are_those_of_sixty_digits(study):
         assert np.all(errors < ROUNDINGS), (name, np.argmax(errors))
 
 
+@pytest.mark.study
 @pytest.mark.skipif(
     np.finfo(np.longdouble).nmant < 63, reason="a long double is no longer than a double here"
 )

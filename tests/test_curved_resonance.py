@@ -80,6 +80,7 @@ def test_it_is_fitted_and_f0_and_k_t_are_those_where_they_are_told(seed, tempera
         assert abs(parameter.value - value) < 4 * parameter.std
 
 
+@pytest.mark.study
 def test_it_is_named_beside_the_errors_of_the_thermometers(nuisances):
     """Which the fit takes it for, as far as it goes: they would be off by seven times what they are."""
     logs = [sweep(float(t), 1, -8.0, 0.1) for t in (14, 19, 24, 29, 34, 44)]
@@ -103,6 +104,7 @@ def test_it_is_found_in_a_log_that_warms(nuisances):
     )
 
 
+@pytest.mark.study
 def test_a_straight_one_and_a_log_that_contradicts_the_others_are_not(nuisances):
     for seed in range(5):
         found = fit([sweep(float(t), seed, -8.0) for t in (14, 19, 24, 29, 34)], nuisances=nuisances)
@@ -114,6 +116,7 @@ def test_a_straight_one_and_a_log_that_contradicts_the_others_are_not(nuisances)
     )
 
 
+@pytest.mark.study
 @seeds(3, 15)
 def test_a_slight_curve_is_fitted(seeds, among):
     """3 Hz at 10 degC, where to first order one log alone might have been off by as much: nine of fourteen were
@@ -126,6 +129,7 @@ def test_a_slight_curve_is_fitted(seeds, among):
         assert abs(found.parameters["f0"].value - F0) < 4 * found.parameters["f0"].std
 
 
+@pytest.mark.study
 @seeds(3, 15)
 def test_a_temperature_that_was_typed_wrong_is_that_of_its_log(seeds, nuisances):
     """30.3 as 33.0: the fit of all, bent by it, left the two beside it farther off its line, and they were

@@ -280,6 +280,7 @@ def test_two_things_may_stand_in_the_way_each_or_together():
         controller.design(PLATE, finger=2.0, warming=(-10.0, 15.0), **WANTED)
 
 
+@pytest.mark.study
 def test_a_thermometer_is_promised_with():
     """A plate that is 15 degC warm begins 152 Hz beside the design's resonance; a loop that is told begins at
     its own."""
@@ -360,6 +361,7 @@ def test_the_screen_says_what_a_promise_covers(range_, said):
     assert said in " ".join(gains(note))
 
 
+@pytest.mark.study
 def test_a_rig_s_voltage_that_the_logs_have_not_seen_is_said_to_be_cut():
     source, rig = posterior(logs=logs_up_to(20.0)), Rig(voltage_limit=350.0)
     loop = controller.design(source, rig=rig)
@@ -430,6 +432,7 @@ def test_a_resonance_too_far_away_to_be_tracked_is_refused():
     )
 
 
+@pytest.mark.study
 def test_a_gain_too_little_known_for_the_voltage_is_refused():
     """The mean plate needs 95 V, the weakest of the logs' plates more than the limit."""
     unsure, given = posterior(G=0.05), {"voltage_limit": 100.0}

@@ -46,6 +46,7 @@ def steps(bench, seed, **changes):
     ]
 
 
+@pytest.mark.study
 def test_a_step_whose_gain_differs_is_named_though_a_feedthrough_and_a_lateness_might_cancel(
     bench, seeds, nuisances
 ):

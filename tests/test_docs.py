@@ -91,6 +91,7 @@ def test_the_map_of_the_code_names_every_module_and_none_that_is_not():
     assert named - modules - types == {"fit", "simulate", *PACKAGES}
 
 
+@pytest.mark.study
 def test_the_examples_of_the_stimulator_run(tmp_path, monkeypatch):
     """On a coarse mesh, and with a cache of their own."""
     from stimulator import modes

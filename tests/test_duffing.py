@@ -145,6 +145,7 @@ OTHERS = (
 )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("clean", "amplitude", "directions"),
     [
@@ -159,7 +160,7 @@ def test_what_else_bends_a_peak_is_not_said_to_lean_over(clean, amplitude, direc
     assert not any("leans over" in warning for warning in fit.warnings), fit.warnings
 
 
-@pytest.mark.parametrize("amplitude", [True, False])
+@pytest.mark.parametrize("amplitude", [True, study(False)])
 @pytest.mark.parametrize(("row", "factor"), [(30, 10.0), study(55, 0.1), study(70, 0.001)])
 def test_a_range_that_was_changed_within_a_sweep_is_named(row, factor, amplitude):
     for seed in range(4):

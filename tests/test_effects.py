@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from conftest import seeds, study
+from conftest import sampled, seeds, study
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter, lombscargle
 from scipy.special import wofz
@@ -324,6 +324,7 @@ def blurred(rng, share, power):
     return swept(rng, f, np.abs(noisy(rng, np.sqrt(y.real), 0.002)) if power else noisy(rng, y, 0.002))
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("power", [False, study(True)])
 @seeds(1, 10)
 def test_a_blurred_peak_is_no_second_mode(seeds, power):
@@ -371,7 +372,7 @@ def test_what_is_in_a_log_for_a_while_is_told_by_its_ends(seeds, kind, among):
 
 
 @pytest.mark.parametrize(
-    "kind", [kind for kind in KINDS if kind not in ("offset_drift", "image", "tone")]
+    "kind", sampled([kind for kind in KINDS if kind not in ("offset_drift", "image", "tone")])
 )  # that are noted, or pass as noise
 def test_without_it_the_logs_are_a_misfit(kind):
     fit = sysid.fit(KINDS[kind](np.random.default_rng(len(kind))), nuisances=NUISANCES)
@@ -395,6 +396,7 @@ def limited(rng, peak=0.6):
     return swept(rng, f, noisy(rng, y, 0.003)), peak / np.tanh(peak) - 1
 
 
+@pytest.mark.study
 @seeds(2, 20)
 def test_a_limiter_is_no_image(seeds):
     """Channels that are not alike describe it nearly as well, with G 10 % low."""
@@ -513,6 +515,7 @@ def test_a_cooler_is_a_heater_the_other_way_round(seeds, among):
         assert right(fit, G=14 / 40, tau=400.0)
 
 
+@pytest.mark.study
 @seeds(2, 20)
 def test_a_dead_time_of_many_rows_is_told(seeds, among):
     """Twelve rows and a half, 6 % of tau: "which cannot be told from tau", and tau six errors off."""
@@ -659,6 +662,7 @@ def softened_by(rng, size):
     return swept(rng, f, noisy(rng, np.array(rows), 0.01))
 
 
+@pytest.mark.study
 @seeds(4, 40)
 def test_what_is_likely_and_not_sure_is_in_the_errors(seeds, among):
     """By 5 of the 95 Hz of the half bandwidth: some logs are sure of it, some think it likely, none is a
@@ -728,6 +732,7 @@ def test_modes_are_found_one_after_another(seeds, more, among):
         assert right(fit, G=1.0, tau=TAU, f0=F0)
 
 
+@pytest.mark.study
 @seeds(1, 12)
 def test_errors_span_what_a_mode_leaves(seeds, among):
     """Beside a mode of 5 % lies a background of 0.1 % that bends, as no effect is: it was a misfit."""

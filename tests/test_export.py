@@ -11,6 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import sampled
 from replay import KIND, PLAIN, SANITIZERS, WARNINGS, compiled, in_arrays, in_c, run
 
 import controller
@@ -102,7 +103,7 @@ def designed(source=PLATE, **given):
     return inner(loop, control=guard, follows=follows, swings=swings, **quick)
 
 
-@pytest.mark.parametrize("name", LOOPS)
+@pytest.mark.parametrize("name", sampled(LOOPS))
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_c_gives_the_same_bits_as_python(tmp_path, name, precision):
     loop = designed(**LOOPS[name])

@@ -454,6 +454,7 @@ def test_json_lines_that_are_none_are_refused_by_line(tmp_path, text):
     refused(tmp_path / "a.jsonl", "a.jsonl", *HOSTILE_LINES[text])
 
 
+@pytest.mark.study
 def test_rows_of_ever_new_names_do_not_fill_the_memory(tmp_path):
     (tmp_path / "a.jsonl").write_text("".join(f'{{"a": 1, "b{k}": 1}}\n' for k in range(10_000)))
     refused(tmp_path / "a.jsonl", "a.jsonl, line 409", "4096 names")

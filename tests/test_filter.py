@@ -128,6 +128,7 @@ GRIDS = {
 }
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("late", "lockin_tau"),
     [(0.0, 1e-9), study(0.0, 1e-4), study(0.0, 1.0), study(2e-4, 1e-9), study(2e-4, 1.0)],

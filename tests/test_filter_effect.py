@@ -146,6 +146,7 @@ def test_a_wrong_number_of_poles_is_told(seeds, among):
             assert abs(fit.parameters[name].value - truth) < 4 * fit.parameters[name].std, (seed, name)
 
 
+@pytest.mark.study
 @seeds(1, 4)
 def test_noise_of_the_recorder_itself_hides_no_poles(seeds, among):
     """A quarter of what comes through the four poles, by which noise of their colour alone is none: the filter
@@ -203,6 +204,7 @@ def test_points_that_have_not_settled_behind_the_stated_filter_are_no_settled_po
     assert "still holds" not in " ".join(sysid.fit([lagging_sweep(0, "steady", 8.0)]).warnings)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "offset", [study(-3.1), 3.1]
 )  # above its noise, where rows of one sign might be amplitudes

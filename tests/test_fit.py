@@ -520,6 +520,7 @@ def test_an_output_offset_of_a_step_without_a_baseline_is_in_the_interval_of_g(s
     assert np.all(np.abs(np.mean(z, axis=0)) < 3.1 / np.sqrt(n))
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("flickers", ["drive", study("frequency")])
 def test_a_long_log_whose_inputs_were_measured_is_condensed_like_one_whose_inputs_were_set(bench, flickers):
     """Row by row it would be 40 000 changes of the inputs."""

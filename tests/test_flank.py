@@ -114,7 +114,7 @@ def test_each_log_is_judged_at_its_own_temperature():
     assert away.result.name == "undetermined" and said(away)
 
 
-@pytest.mark.parametrize("beside", [study(-12), -4, study(4), 12])
+@pytest.mark.parametrize("beside", [study(-12), -4, study(4), study(12)])
 def test_a_beat_tells_how_far_the_resonance_is(beside):
     fit = sysid.fit([pulled(beside)])
     assert fit.result.name == "successful" and not said(fit)

@@ -114,6 +114,7 @@ def test_numbers_by_the_lot_stand_beside_and_need_no_fit(made, folder, tmp_path,
     assert {"G_pooled", "G_pooled_std", "f0_pooled"} < {*added} and added.isna().all(axis=None)  # of five
 
 
+@pytest.mark.study
 def test_a_log_that_changed_is_fitted_again(made, folder, tmp_path):
     import shutil
 
@@ -157,6 +158,7 @@ def test_the_table_is_what_fit_and_sample_say():
     assert found == ("one", told.value, told.std, "s")
 
 
+@pytest.mark.study
 @pytest.mark.skipif(sys.platform != "linux", reason="only there a file's name may be any bytes")
 def test_a_file_s_name_may_be_no_text(tmp_path):
     logs, where = tmp_path / "logs", tmp_path / "results"

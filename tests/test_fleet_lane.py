@@ -87,7 +87,7 @@ def unfitted(monkeypatch):
     monkeypatch.setattr(lane, "row_of", passed)
 
 
-@pytest.mark.parametrize("kind", ["step", "sweep", "both"])
+@pytest.mark.parametrize("kind", [study("step"), study("sweep"), "both"])
 def test_plates_without_noise_are_what_they_are(kind):
     for name, row in told({str(k): made(kind, k, 1e-6) for k in range(5)}).items():
         truth = plant(int(name))
@@ -98,6 +98,7 @@ def test_plates_without_noise_are_what_they_are(kind):
             assert p["std"] < (3e-3 if parameter == "G" and kind == "step" else 1e-5) * value
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "kind", [pytest.param("step", id="step"), study("sweep", id="sweep"), study("both", id="both")]
 )
@@ -258,6 +259,7 @@ def test_a_file_that_cannot_be_read_is_a_row(tmp_path):
     assert "found 'x'" in rows["bad"]["error"] and "no logs of this plate" in rows["none"]["error"]
 
 
+@pytest.mark.study
 def test_rows_do_not_depend_on_who_is_fitted_beside(unfitted):
     plates = {str(k): made("both", k) for k in range(9)}
     spoilt = {"late": [step(60, clean=np.roll(ringing(plant(60)), 5)), sweep(60)]}
@@ -323,7 +325,14 @@ def spoilt(kind, seed):
 
 @pytest.mark.parametrize(
     "kind",
-    ["coloured", "outliers", "clipped", "second mode", "lost rows", "creeping", "late", "background", "off"],
+    [
+        "coloured",
+        *map(study, ("outliers", "clipped", "creeping", "off")),
+        "second mode",
+        "lost rows",
+        "late",
+        "background",
+    ],
 )
 def test_spoilt_plates_are_passed_on(kind, unfitted):
     rows = told({str(k): spoilt(kind, k) for k in range(70, 76)} | {"clean": made("both", 2)})

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import tiers
+from conftest import study, tiers
 from test_fleet_lot import SIZE, drawn, table
 
 from sysid.fleet.lot import judged, with_pooled
@@ -32,7 +32,7 @@ def off(frame, places, end=""):
 
 
 @pytest.mark.parametrize("lots", tiers(6, 60))
-@pytest.mark.parametrize("correlation", [None, ALIKE], ids=["alone", "alike"])
+@pytest.mark.parametrize("correlation", [None, study(ALIKE)], ids=["alone", "alike"])
 def test_errors_shrink_as_theory_says_and_intervals_hold_the_truth(lots, correlation):
     rng, own, lent, scaled = np.random.default_rng(3), [], [], []
     for k in range(lots):

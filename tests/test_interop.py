@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import study
 
 import controller
 from controller.interop import loop_systems, plant_system
@@ -13,7 +14,7 @@ from sysid import Plant
 
 control = pytest.importorskip("control")
 PLATE = Plant(0.02, 5e-3 / math.log(20), 32300.0, -10.16)
-LOOPS = [{}, {"latency": 2.5e-4}, {"method": "adaptive"}]
+LOOPS = [{}, study({"latency": 2.5e-4}), study({"method": "adaptive"})]
 
 
 @pytest.mark.parametrize("changes", LOOPS, ids=str)

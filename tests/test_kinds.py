@@ -2,11 +2,12 @@
 benchmarks/kinds.py."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import study
+from conftest import most, seeds, study
 
 import sysid
 
@@ -38,6 +39,8 @@ LATER = {  # the study's: other variants of these kinds, or tests of their own, 
     ("sweep, set, wait, read", "own, back"),
     ("restless, then a decay", "swing 0.1"),
     ("a step that is late, beside a sweep", "0.3 ms"),
+    ("sweep too fast, without times", "dwell 0.4 tau"),
+    ("feedthrough under amplitudes", "5%"),
 }
 
 
@@ -74,6 +77,31 @@ def test_the_error_of_a_sweep_read_half_way_spans_both_readings(own):
 
 def _fields(log):
     return {n: getattr(log, n) for n in ("name", "response", "time", "drive", "frequency", "kind")}
+
+
+@pytest.mark.parametrize("how", ["as it is", "of a current", study("conjugate"), study("amplitude")])
+@seeds(4, 16)
+def test_a_low_pass_is_told_with_its_numbers(seeds, how):
+    """A coil's current: G 0.28, tau 0.7 ms."""
+    off = []
+    for seed in seeds:
+        ((log,), _) = kinds.low_pass(7e-4)(np.random.default_rng(seed))
+        ways = {"as it is": 1, "of a current": 1 / (2 * np.pi * log.frequency)}  # as that is read
+        seen = {"conjugate": np.conj, "amplitude": np.abs}.get(how, lambda w: w)(log.response)
+        (found,) = sysid.fit([replace(log, response=ways.get(how, 1) * seen)]).findings
+        assert found.key == "overdamped" and found.outcome == "refused"
+        off.append(
+            [(found.numbers[n].value - v) / found.numbers[n].std for n, v in (("G", 0.28), ("tau", 7e-4))]
+        )
+    assert np.all(np.sqrt(np.mean(np.square(off), axis=0)) < most(seeds))
+    assert np.all(np.sqrt(np.mean(np.square(off), axis=0)) > 0.1)  # no guess
+
+
+def test_what_falls_otherwise_is_no_low_pass_of_first_order():
+    ((log,), _) = kinds.low_pass(7e-4)(np.random.default_rng(0))
+    twice = log.response / (1 + 2j * np.pi * log.frequency * 2e-4)
+    (found,) = sysid.fit([replace(log, response=twice)]).findings
+    assert found.key == "overdamped" and not found.numbers
 
 
 def test_nothing_is_called_noise_or_frequency_of_a_log_that_is_not_described():

@@ -316,6 +316,7 @@ def test_temperature_follows_the_stretches(save):
 # ------------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.study
 def test_fits_are_unbiased_and_as_good_as_they_say(save):
     # Edges at any sample, carrier at any phase, 1 % noise in each sample of drive and response.
     scores = []
@@ -349,6 +350,7 @@ def test_a_delay_turns_each_frequency_by_another_angle(seeds, save):
         assert all(abs(error) < 4 * std for error, std in relative(fit, PLATE).values()), relative(fit, PLATE)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("late", [study(-20), 20])
 def test_a_sensor_s_delay_is_in_the_error_of_the_gain(late, save):
     # By 20 us, 1.2 % of tau: a decoder's, or channels that are read one after the other. Stated, it is none.
@@ -369,6 +371,7 @@ def test_a_sensor_s_delay_is_in_the_error_of_the_gain(late, save):
     assert 4 * exact < min(unstated, rough) and unstated == pytest.approx(rough, rel=0.1)
 
 
+@pytest.mark.study
 def test_an_edge_between_samples_moves_the_gain_alone():
     drive = [(0.0, 0.0, 32290.0), (2.0003e-3, 100.0, 32290.0, 0.4), (10.0003e-3, 0.0, 32290.0)]
     G, tau, f0 = (
@@ -434,6 +437,7 @@ def test_eight_bits(save):
         assert std < 1e-3, name
 
 
+@pytest.mark.study
 def test_velocity_delay_and_a_drive_beside_an_offset(tmp_path, save):
     drive = [(0.0, 0.0, 32290.0), (2e-3, 100.0, 32290.0, 0.4), (10e-3, 0.0, 32290.0)]
     time = np.arange(16700) * 1e-6
@@ -459,6 +463,7 @@ def test_velocity_delay_and_a_drive_beside_an_offset(tmp_path, save):
     )  # rounding of 0.3 samples of delay and edges, of 1670 in tau
 
 
+@pytest.mark.study
 def test_a_filter_that_is_asked_for_is_named_in_the_fit(save):
     drive = [(0.0, 0.0, 32300.0), (2e-3, 100.0, 32300.0), (10e-3, 0.0, 32300.0)]
     (log,) = read_logs(

@@ -118,9 +118,9 @@ def millivolts(bench):
         study(finger_on_the_third, "step 3: G and tau are both lower than in the other logs"),
         (sine_law, "not proportional to the drive"),
         (saturated, "saturated"),
-        (two_resonances, "the resonance contradicts the other logs"),
-        (softer_when_warm, "tau changes with the temperature"),
-        (millimetres, "about 1001 times that of theirs"),
+        study(two_resonances, "the resonance contradicts the other logs"),
+        study(softer_when_warm, "tau changes with the temperature"),
+        study(millimetres, "about 1001 times that of theirs"),
         (millivolts, "G contradicts the other logs"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
@@ -182,6 +182,7 @@ def test_noise_too_small_to_hide_the_ripple_of_the_fast_mode_tells_whether_it_is
         assert abs(tau.value - bench.plant.tau) < 4 * tau.std
 
 
+@pytest.mark.study
 def test_a_coarse_recorder_is_named_and_not_called_saturated():
     for seed in range(4):
         fine, coarse = (
@@ -195,6 +196,7 @@ def test_a_coarse_recorder_is_named_and_not_called_saturated():
         assert not any("saturated" in warning for warning in said), said
 
 
+@pytest.mark.study
 def test_a_filter_that_is_stated_is_modelled():
     """Eight steps through four poles of 100 us, which alone would make tau 28 % too long."""
     scene = Scene.from_toml(SCENES / "step_100V_24C.toml")
@@ -257,6 +259,7 @@ def test_a_sweep_of_one_direction_says_what_it_takes_for_a_resonance_elsewhere(l
     assert not said(found) and abs(found.parameters["f0"].value - plant.f0) < 4 * found.parameters["f0"].std
 
 
+@pytest.mark.study
 def test_a_step_without_its_drive_is_not_taken_for_ringing_in_silence(bench, nuisances):
     """A plate that rings freely dies away; this response grows from rest."""
     found = sysid.fit([bench.transient(drive=False)], nuisances=nuisances)
@@ -270,6 +273,7 @@ def test_a_step_without_its_drive_is_not_taken_for_ringing_in_silence(bench, nui
     assert not any("grows" in w for w in free.warnings) and free.parameters["tau"].determined
 
 
+@pytest.mark.study
 def test_steps_of_a_recorder_are_no_second_resonance(bench):
     """A twentieth of the response: what it leaves looks like anything, and is named as what it is."""
     for seed in range(10):
@@ -341,6 +345,7 @@ def test_a_log_that_is_well_described_by_itself_is_named_by_what_it_contradicts(
     )  # four times what a sweep and three others tell of their f0, 0.3 Hz
 
 
+@pytest.mark.study
 def test_logs_of_two_plates_are_named_as_two_groups(bench):
     """Half of them contradicts the other half; none of them holds anything else."""
     other = other_plant(bench, f0=bench.plant.f0 - 50.0)
@@ -353,6 +358,7 @@ def test_logs_of_two_plates_are_named_as_two_groups(bench):
     assert abs(float(said[1]) + 50.0) < 1.5
 
 
+@pytest.mark.study
 def test_a_gain_that_is_far_off_is_told_as_it_is(bench, nuisances):
     """To first order a gain ten times as large is two and a half times as large."""
     odd = bench.transient(seed=51)
@@ -480,6 +486,7 @@ def test_rows_that_are_lost_amid_a_rise_are_fitted(bench, seeds, among):
             assert abs(p.value - getattr(bench.plant, name)) < 4.5 * p.std, (seed, name)
 
 
+@pytest.mark.study
 def test_of_two_logs_the_one_whose_temperature_is_not_recorded_is_doubted(bench, nuisances):
     warm = replace(bench.transient(seed=1, temperature=28.0), temperature=None)
     logs = [warm, replace(bench.sweep(seed=2), name="sweep")]
@@ -531,6 +538,7 @@ def off(bench, fit, name="G"):
     return (p.value - getattr(bench.plant, name)) / p.std
 
 
+@pytest.mark.study
 def test_the_delay_of_a_settled_sweep_is_undone_where_it_is_stated(bench, nuisances):
     """30 us turn the phase by a degree in 100 Hz, and G by 1.8 %. With times, a sweep may be settled or not
     at first."""
@@ -611,6 +619,7 @@ def test_a_sweep_whose_points_may_be_late_leaves_G_open(bench, late, noise):
     )  # six numbers: by chance in one of 1000
 
 
+@pytest.mark.study
 def test_sweeps_that_are_all_late_show_together_what_each_does_not(bench):
     """By about 3 errors of each one's feedthrough: G was 2.4 of its own off, in most without a word."""
 

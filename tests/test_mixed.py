@@ -33,6 +33,7 @@ def heater(rng, own, slow, time, n=900):
     return Log("heater", y, time=t, drive=drive, kind="transient", sampling="instant")
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("time", [study(30.0), 200.0])
 @seeds(10, 60)
 def test_errors_hold_where_slow_noise_lies_under_that_of_rows(seeds, time):
@@ -46,6 +47,7 @@ def test_errors_hold_where_slow_noise_lies_under_that_of_rows(seeds, time):
     assert np.sqrt(np.mean(np.square(z))) < 1.5 and np.max(np.abs(z)) < 3.5, z
 
 
+@pytest.mark.study
 @seeds(5, 40)
 def test_either_alone_is_not_both(seeds):
     for seed in seeds:
@@ -55,6 +57,7 @@ def test_either_alone_is_not_both(seeds):
             assert mixed(trial, trial.residual(model)) is None
 
 
+@pytest.mark.study
 def test_both_are_told_apart():
     found = []
     for seed in range(8):

@@ -86,6 +86,7 @@ def thinned(monkeypatch):
     monkeypatch.setattr(fe, "section", thin)
 
 
+@pytest.mark.study
 def test_mindlin_in_the_limit_of_kirchhoff(monkeypatch):
     """Its form, with elements of sixth order, gives Ritz' mode to 1e-4: no locking."""
     thinned(monkeypatch)
@@ -107,6 +108,7 @@ def test_two_meshes_of_mindlin_agree():
     assert fine == pytest.approx(30239.7, rel=3e-4)
 
 
+@pytest.mark.study
 def test_two_meshes_of_a_layout_agree(default):
     fine = modes(DEFAULT, per_wavelength=10.0, cache=False).mode
     assert default.f0 == pytest.approx(fine.f0, rel=5e-4)
@@ -257,6 +259,7 @@ def test_a_tau_that_the_air_does_not_allow_is_named(default):
         default.plant(9e-3)
 
 
+@pytest.mark.study
 def test_a_measured_frequency_calibrates_the_modulus(folder):
     plate = calibrated(DEFAULT, 32300.0, per_wavelength=COARSE, cache=folder)
     found = modes(plate, 32300.0, per_wavelength=COARSE, cache=folder).mode
@@ -289,6 +292,7 @@ def test_one_ceramic_alone_sees_odd_neighbours():
     assert max(abs(n.sense) for n in found.neighbours if across(n) < 0) > 0.1
 
 
+@pytest.mark.study
 def test_the_sign_of_a_shape_does_not_matter(default):
     """drive times sense is what a voltage shows of a neighbour: the same from the other corner, up to its own
     parity."""

@@ -69,6 +69,7 @@ def test_a_drive_that_is_held_from_row_to_row_is_not_doubted(seed):
     assert not any("runs on" in w for w in fit.warnings)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("seed", [0, study(1), study(2)])
 def test_rows_that_belong_to_their_own_inputs_are_known_where_that_is_stated_and_not_denied_where_it_is_not(
     seed, nuisances

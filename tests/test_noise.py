@@ -181,6 +181,7 @@ def test_errors_of_a_log_too_short_to_show_its_colour_are_true(seeds, rho, chann
     assert 0.89 - left < spread < 1.06 + left
 
 
+@pytest.mark.study
 def test_noise_that_may_be_white_is_not_called_coloured():
     said = [sysid.fit([short_step(seed, 0.0)]).logs[0].noise for seed in range(20)]
     assert sum(s == "white, as far as so few rows tell" for s in said) >= 15

@@ -39,7 +39,14 @@ def scores(fit, x):
 
 @pytest.mark.parametrize(
     ("x", "amplitude"),
-    [study(0.25, True), (0.5, True), study(1.9, True), study(5.0, True), (-0.5, False), study(1.9, False)],
+    [
+        study(0.25, True),
+        study(0.5, True),
+        study(1.9, True),
+        study(5.0, True),
+        (-0.5, False),
+        study(1.9, False),
+    ],
 )
 @seeds(2, 12)
 def test_it_is_fitted(seeds, x, amplitude, among):
@@ -58,6 +65,7 @@ def test_it_is_fitted(seeds, x, amplitude, among):
     assert np.sqrt(np.mean(np.square(z))) < most(3 * z)
 
 
+@pytest.mark.study
 @seeds(2, 12)
 def test_amplitudes_in_noise_too(seeds, among):
     """What the plant alone makes of them wants a floor below zero, and left all of them without one."""

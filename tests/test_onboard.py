@@ -310,6 +310,7 @@ def test_the_tracker_comes_from_a_stated_offset(pi):
     assert rows.made[5] > PLATE.f0 + 90
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("units", [study("um/V"), None])
 def test_the_loop_s_own_record_refits_the_plate(pi, tmp_path, units, nuisances):
     """A start and two steps, under the lines that the plate's header has firmware print: within four standard

@@ -38,7 +38,7 @@ def after(bench, logs, parameter, seed):
 
 @pytest.mark.parametrize(
     ("parameter", "given"),
-    [study("k_T", "sweep"), ("G", "step"), ("tau", "sweep"), study("f0", "step")],
+    [study("k_T", "sweep"), ("G", "step"), study("tau", "sweep"), study("f0", "step")],
 )
 @seeds(3, 8)
 def test_the_error_shrinks_to_what_was_promised(bench, seeds, parameter, given):

@@ -52,6 +52,7 @@ def test_what_the_logs_do_not_tell_a_prior_does_not_determine(bench):
     assert np.sqrt(fit.modes[0].covariance[1, 1]) < 0.06  # the posterior has it
 
 
+@pytest.mark.study
 def test_it_says_where_the_prior_speaks_and_where_the_logs_contradict_it(bench):
     logs, tau = [noisy(bench)], bench.plant.tau
     speaks = sysid.fit(logs, priors={"tau": (tau, 0.01 * tau)}).warnings

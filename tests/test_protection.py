@@ -90,7 +90,7 @@ DROPS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("method", ["pi", "adaptive"])
+@pytest.mark.parametrize("method", ["pi", study("adaptive")])
 def test_a_sensor_that_shows_what_no_plate_can_do_moves_no_plate(method):
     """For 4 ms, as a vibrometer in a dark speckle, or in single samples. The plate once came to 3.4 times what
     was asked, at the voltage's limit, as the loop made up for what was not shown."""
@@ -101,6 +101,7 @@ def test_a_sensor_that_shows_what_no_plate_can_do_moves_no_plate(method):
     assert (found["mode"][-1] == RUN).all()
 
 
+@pytest.mark.study
 def test_a_sensor_that_shows_less_by_what_a_finger_could_do_is_no_fault():
     """What no loop can tell from a finger, it takes for one: the header and docs/controller.md say so."""
     found = play(designed(350.0), [Lane(0.8, at=AT)], AT + 1300, ASKED)
@@ -128,6 +129,7 @@ def test_an_input_that_is_not_finite_is_held_and_counted(bad):
     )  # what is out of range is taken for the end
 
 
+@pytest.mark.study
 def test_a_quiet_sensor_at_rest_is_not_dead():
     """Reference zero, noise below a tenth of a bit: what is left of the drive is less than the sensor can
     show."""
@@ -143,6 +145,7 @@ def test_a_quiet_sensor_at_rest_is_not_dead():
     assert (found["fault"] == 0).all() and found["mode"][-1, 0] == RUN
 
 
+@pytest.mark.study
 def test_a_thermometer_s_85_degrees_move_the_frequency_within_the_range():
     """What a sensor says at power-on: -10.16 Hz/degC times 61 degC would be 620 Hz."""
     rig = controller.Rig(thermometer=True, coldest=14.0, warmest=39.0)
@@ -185,6 +188,7 @@ def test_a_fault_ends_by_a_reset_with_enable_low_alone():
     assert np.abs(f[1601:] - F0 - 60).max() < 4 * noise
 
 
+@pytest.mark.study
 def test_tasks_of_commissioning():
     """Open loop at a voltage and a frequency; a sweep; the amplitude loop without its tracker; a tracker
     begun at an offset."""

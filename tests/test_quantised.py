@@ -78,7 +78,7 @@ def test_steps_of_few_bits_are_fitted_with_true_intervals(seeds, bits, noise):
     )  # the intervals are no guess: G's hangs on lateness
 
 
-@pytest.mark.parametrize("bits", [5, 8])
+@pytest.mark.parametrize("bits", [study(5), 8])
 def test_sweeps_of_few_bits_are_fitted_with_true_intervals(bits):
     z = errors(sweep_log(bits, 0.05, seed) for seed in range(16))
     assert np.max(np.abs(z)) < 4
@@ -149,6 +149,7 @@ def test_what_steps_hide_is_named_with_what_to_record():
     assert hidden and any("dither" in w for w in fit.warnings)
 
 
+@pytest.mark.study
 def test_an_amplitude_in_steps_is_fitted_with_true_intervals():
     """The output of a first-order plant, without a frequency, in 64 steps."""
     found = []

@@ -216,6 +216,7 @@ def test_the_report_asks_for_nothing_else():
         assert words in page, words
 
 
+@pytest.mark.study
 def test_the_same_inputs_give_the_same_report():
     assert plain() == rendered(standin.posterior())
 
@@ -338,19 +339,19 @@ def dots(svg):
     [
         ([standin.fitted()], ["Over time"]),
         ([standin.fitted(amplitude_only=True)], ["Over time"]),
-        ([standin.fitted(rows=30_000)], ["Over time"]),
+        study([standin.fitted(rows=30_000)], ["Over time"]),
         ([standin.fitted("s.csv", "steady")], ["Sweeps"]),
         ([standin.fitted("s.csv", "steady", amplitude_only=True), standin.fitted()], ["Over time", "Sweeps"]),
-        (
+        study(
             [standin.fitted(f"{i}.csv", "steady", temperature=np.full(50, 20.0 + i)) for i in range(9)],
             ["Sweeps"],
         ),
-        (
+        study(
             [standin.fitted("p.csv", "steady", frequency=np.full(50, 3e4), drive=np.arange(50.0))],
             ["Over time"],
         ),
         ([standin.fitted("p.csv", "steady", frequency=None)], ["Over time"]),
-        (
+        study(
             [standin.fitted(f"{i}.csv", rows=9, nrmse=float(i)) for i in range(17)],
             [
                 "Over time: logs 6, 7, 8 and 9",
@@ -405,6 +406,7 @@ def test_parts_of_figures_do_not_meet_on_the_page():
     assert len(names) == len(set(names)) and set(names) == {a or b for a, b in wanted}
 
 
+@pytest.mark.study
 def test_an_alternative_text_says_what_is_seen():
     logs = [standin.fitted(), standin.fitted("sweep.csv", "steady", 60)]
     seen = {f.title: f.seen for f in drawn(standin.posterior(logs))}
@@ -444,7 +446,7 @@ def test_correlation_is_told_in_its_standard_errors():
     [
         study("pi", "Kp", "Hz per Wq/Wd"),
         study("pll", "Kp", "Hz per Wq/Wd"),
-        ("paper", "Kp", "10 Hz up or down, by the sign of Wq"),
+        study("paper", "Kp", "10 Hz up or down, by the sign of Wq"),
         ("adaptive", "K ", "the observer estimates"),
     ],
 )

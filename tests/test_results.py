@@ -170,6 +170,7 @@ def held_out(bench, seed):
     return bench.transient(seed=seed, volts=volts, frequency=32330.0)
 
 
+@pytest.mark.study
 def test_the_model_s_band_holds_the_plate_as_often_as_it_says(bench):
     """Errors over what is stated of them, on a flank and at the peak, of fits to 40 logs. Each fit has two
     independent ones at least, as it has three parameters: their mean square is 1 to sqrt(2/80)."""
@@ -316,6 +317,7 @@ def test_the_report_alone_is_that_of_the_set(fit, saved, tmp_path):
     assert path.read_bytes() == (saved / "report.html").read_bytes()
 
 
+@pytest.mark.study
 def test_figures_to_zoom_into_are_there_where_they_are_wanted_and_go_out_with_their_set(fit, saved, tmp_path):
     pytest.importorskip("plotly", reason="plotly is not installed")
     fit.save(tmp_path, zoomable=True)
@@ -417,6 +419,7 @@ def test_a_set_is_saved_from_any_thread(posterior, tmp_path):
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.study
 def test_the_page_s_examples_run(tmp_path, monkeypatch, arviz):
     (tmp_path / "data").symlink_to(ROOT / "data")
     monkeypatch.chdir(tmp_path)

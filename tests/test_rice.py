@@ -39,6 +39,7 @@ def bound(plant, frequency: np.ndarray, drive: np.ndarray, noise: float) -> np.n
     return np.sqrt(np.diag(np.linalg.inv(total))[:2])
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("noise", [study(0.03), 0.2])
 def test_the_noise_that_lifts_the_amplitudes_is_no_better_known_than_its_scatter_tells(noise):
     """At a fifth of the peak, with it taken as known, tau was said to be known a twentieth better than Rice's

@@ -56,6 +56,7 @@ def fits(request):
     return [sysid.fit([log(seed)]) for seed in request.param]
 
 
+@pytest.mark.study
 def test_gain_and_time_constant_are_known_on_resonance(fits):
     """J^T J takes what noise leaves of the derivative by f0 for information, and of some of these logs told
     neither."""
@@ -88,6 +89,7 @@ def test_off_resonance_the_two_sides_stay_apart():
     assert len(f.modes) == 2 and not f.parameters["f0"].determined and "which side" in f.parameters["f0"].why
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("detuning", [study(0.0), 0.14, study(0.25)])
 def test_a_curved_posterior_is_sampled_to_the_end(detuning):
     """A normal about each minimum proposes next to nothing of it: 150 000 evaluations were not enough."""

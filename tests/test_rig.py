@@ -345,6 +345,7 @@ def test_the_pll_locks_and_rests():
     assert np.std(f[500:], 0).max() < 2.5
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("method", [study("pi"), "pll"])  # the other: in test_closed_loop.py
 def test_a_timer_of_100_MHz_does_not_chatter(method):
     """Its steps are 10.4 Hz. For a second after it has come to rest the frequency stands, or a plate at the

@@ -47,6 +47,7 @@ def errors(found, name):
     return abs(p.value - getattr(PLANT, name)) / p.std
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("before", [study(5), 60, study(200)])
 @pytest.mark.parametrize("x", [0.0, study(0.3), study(1.0), study(3.0)])
 @seeds(1, SEEDS)
@@ -79,6 +80,7 @@ def test_a_response_that_still_grows_tells_the_gain(seeds, x):
         assert found.parameters["G"].std < 0.05 * PLANT.G
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("x", [study(0.0), 1.0])
 def test_a_change_to_another_level_tells_the_gain(x):
     """On its way the amplitude shows how fast the phase turns."""
@@ -145,6 +147,7 @@ def test_begun_is_as_after_long(order, both_modes):
         np.testing.assert_allclose(plain.free, found.free, rtol=1e-12)
 
 
+@pytest.mark.study
 def test_the_linear_view_is_that_of_the_fit():
     """One start, in one unit, in the compiled likelihood and in the plain course; derivatives against
     differences."""
@@ -169,6 +172,7 @@ def test_the_linear_view_is_that_of_the_fit():
         )  # two differences, of other steps
 
 
+@pytest.mark.study
 def test_the_slope_away_from_the_minimum_is_that_of_the_cost():
     """What an amplitude began with is at its optimum at every plant, or the way down leads elsewhere: with four steps
     to it the slope was off by a thousandth to a hundredth."""

@@ -51,7 +51,8 @@ def test_stamps_that_do_not_scatter_are_taken_as_they_are(seeds):
 
 
 @pytest.mark.parametrize(
-    "digit, period, rounded", [(1e-3, 3e-4, np.rint), (1e-3, 1e-4, np.floor), (1e-4, 1.2e-4, np.rint)]
+    "digit, period, rounded",
+    [(1e-3, 3e-4, np.rint), study(1e-3, 1e-4, np.floor), study(1e-4, 1.2e-4, np.rint)],
 )
 def test_stamps_that_were_rounded_are_those_of_an_even_clock(digit, period, rounded):
     """Whole milliseconds of rows 0.3 ms apart: taken as rows of one moment they were a misfit, or tau was 5

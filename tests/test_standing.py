@@ -33,6 +33,7 @@ def said(fit):
     return any("an offset of d and q seems to lie under the amplitude" in w for w in fit.warnings)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("offset", "noise", "rings"),
     [study(0.003, 1e-3, True), (0.03, 1e-3, True), study(0.03, 1e-2, True), study(0.03, 1e-3, False)],
@@ -61,6 +62,7 @@ def test_an_offset_under_an_amplitude_is_in_the_intervals(bench, seeds, offset, 
     assert 3 * len(z) >= len(seeds) and np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(z))
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("rings", [True, study(False)])
 def test_an_amplitude_without_an_offset_gets_none(bench, rings):
     """One in eight may: three errors that it would move G are no longer than chance now and then makes
@@ -70,6 +72,7 @@ def test_an_amplitude_without_an_offset_gets_none(bench, rings):
     assert sum(said(fit) for fit in fits) <= 1
 
 
+@pytest.mark.study
 @seeds(4, 60)
 def test_a_ring_down_into_noise_has_none(seeds):
     """Noise beside the response by fourteen rows of it was four times too small in one of ten logs, which then had an

@@ -230,6 +230,7 @@ def written(folder, temperatures, seed, put, noise=1e-3):
     return paths
 
 
+@pytest.mark.study
 @seeds(2, 15)
 def test_a_temperature_is_read_no_better_than_it_is_written(tmp_path, seeds):
     """Sweeps so quiet that only the thermometer's steps of half a degC are left; 25.5 shows that they are

@@ -17,6 +17,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from conftest import study
 
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
@@ -290,7 +291,7 @@ READ = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", READ)
+@pytest.mark.parametrize("name", [study(n) if "megabytes" in n else n for n in READ])
 def test_odd_files_that_are_read(path, name):
     (log,) = read_logs(write(path, READ[name]))
     check_rows(log)
@@ -315,6 +316,7 @@ def test_times_may_stand_still_and_long_since(path):
     assert log.time.tolist() == [1700000000.0001, 1700000000.0001, 1700000000.0002]
 
 
+@pytest.mark.study  # 30 MB
 def test_a_hundred_thousand_columns(path):
     """Read in seconds (0.8 s where this was written), noted in one line; before, names by the thousand took
     minutes."""

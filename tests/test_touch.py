@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import study
 from scipy.stats import t as t_distribution
 
 import stimulator
@@ -289,7 +290,7 @@ COLUMNS = ("time", "Wd", "Wq", "measured", "V", "f", "reference")
     "without, names",
     [
         (("friction",), ("stroke", "forces", "texture", "friction")),
-        (("observer",), ("stroke", "texture", "friction", "loop", "observer")),
+        study(("observer",), ("stroke", "texture", "friction", "loop", "observer")),
         (("friction", "observer"), ("stroke", "forces", "texture", "loop", "friction", "observer")),
     ],
 )
@@ -375,6 +376,7 @@ def test_a_finger_on_nodal_lines_is_felt_at_the_rate_of_the_lines():
     assert np.ptp(moved.run(paper(1.0)).W[3000:]) < 0.3 * np.ptp(W)
 
 
+@pytest.mark.study
 def test_logs_of_touches_are_those_of_the_plate(tmp_path):
     """A finger that comes down tells its own damping, and G, tau and f0 stay, where a loop drives."""
     force = Profile(np.array([0.0, 0.03, 0.035, 0.2]), np.array([0.0, 0.0, 1.0, 1.0]), held=False)

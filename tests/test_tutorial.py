@@ -27,6 +27,7 @@ def run(line):
     assert COMMANDS[words[0]](words[1:]) == int(said.group(1) if said else 0), line
 
 
+@pytest.mark.study
 def test_the_tutorial_runs(tmp_path, monkeypatch, capsys):
     (tmp_path / "data").symlink_to(ROOT / "data")
     monkeypatch.chdir(tmp_path)

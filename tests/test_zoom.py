@@ -113,6 +113,7 @@ def test_what_it_does_not_know_is_no_silent_gap():
         told(lambda axes: axes.scatter([1], [1]))
 
 
+@pytest.mark.study
 def test_a_page_is_the_same_twice_and_holds_no_markup_of_a_name():
     posterior = standin.posterior([standin.fitted(HOSTILE), standin.fitted("b.csv", "steady")])
     content = document(posterior)

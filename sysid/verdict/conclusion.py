@@ -20,6 +20,7 @@ from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.immediate import responds_at_once
 from sysid.verdict.inconsistent_log import odd_ones
 from sysid.verdict.linear import Found
+from sysid.verdict.low_pass import low_pass
 from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.result import Result
 from sysid.verdict.unexplained import left_of, slow
@@ -130,8 +131,10 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
     """What the model does not describe. `at` (degC): where f0 is told. `hangs`: G does, on how late the
     response is."""
     reference, free = question.minimiser.reference, question.minimiser.free
-    if (said := identify.overdamped(best, reference)) is not None:
-        return Judged([Finding("overdamped", "refused", said, mostly=True)], [], [])
+    if identify.overdamped(best, reference):
+        numbers = low_pass(best, len(free)) or {}
+        said = wording.without_resonance(numbers)
+        return Judged([Finding("overdamped", "refused", said, numbers=numbers, mostly=True)], [], [])
     found, unseen, *_ = looked = misfits(best, reference, free, at)
     likely = likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)

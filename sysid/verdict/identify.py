@@ -89,20 +89,13 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
     return None
 
 
-def overdamped(state: State, reference: tuple[float, float]) -> str | None:
-    """A sentence when the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no
-    resonance; else, as where all is at one frequency, which says nothing of that, None."""
+def overdamped(state: State, reference: tuple[float, float]) -> bool:
+    """Whether the best plant does not oscillate, Q = pi f0 tau < 1/2 or f0 < 0: the logs show no resonance.
+    Where all is at one frequency, that says nothing of it."""
     resonant = any(t.resonant for t in state.trials) and not _one_frequency(state.trials)
     if not resonant or all(t.silent for t in state.trials):
-        return None
-    if np.pi * (reference[0] + state.named.f0) * state.tau >= 0.5:
-        return None
-    return (
-        "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a response"
-        " that falls evenly"
-        " with the frequency; sweep across a resonance, and see whether the frequencies are those of the"
-        " drive"
-    )
+        return False
+    return bool(np.pi * (reference[0] + state.named.f0) * state.tau < 0.5)
 
 
 def buried(trials: Sequence[Trial]) -> bool:

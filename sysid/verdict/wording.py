@@ -1,6 +1,6 @@
 """A log in words: what it was taken for, and what of it is odd enough to be said."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -201,6 +201,22 @@ def assumed(some: Sequence[Assumed]) -> list[str]:
             f" {shown_by}"
         )
     return told
+
+
+def without_resonance(numbers: Mapping[str, Number]) -> str:
+    """Of logs without one: what they are if their G and tau are told, those of a low-pass."""
+    if not numbers:
+        return (
+            "no resonance is seen: what describes the logs best does not oscillate (Q below 1/2), as a"
+            " response that falls evenly with the frequency; sweep across a resonance, and see whether the"
+            " frequencies are those of the drive"
+        )
+    told = " and ".join(f"{name} {n.value:.4g} ± {n.std:.2g} {n.unit}" for name, n in numbers.items())
+    return (
+        f"no resonance is seen: a low-pass of first order describes the sweep, W = G V/(1 + j omega tau) with"
+        f" {told}, which is a plant without a resonance; to design a controller for it, record a step without"
+        " a frequency column, or else sweep across a resonance"
+    )
 
 
 def _sized(size: Number) -> str:
