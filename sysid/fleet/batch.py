@@ -84,13 +84,13 @@ class Reduced:
             seen.block, seen.rows, inverse, pull, whole, std, prior, information, slope, left, gain, follow
         )
 
-    def without(self, name: str) -> np.ndarray:
-        """(P, 3, 3) the information without that number of the bench, if there is one."""
-        if name not in self.block.names:
+    def without(self, *names: str) -> np.ndarray:
+        """(P, 3, 3) the information without these numbers of the bench, as far as there are such."""
+        ks = [k for k, name in enumerate(self.block.names) if name in names]
+        if not ks:
             return self.information
-        k = self.block.names.index(name)
-        its, own = self.pull[:, k], self.inverse[:, k, k].real
-        added = (its.conj()[:, :, None] * its[:, None]).real / own[:, None, None]
+        its, own = self.pull[:, ks], self.inverse[:, ks][:, :, ks]
+        added = (np.swapaxes(its, 1, 2).conj() @ np.linalg.solve(own, its)).real
         return _of_plant(self.whole + added, self.std, self.gain)[0][:, :, :3]
 
     @property
@@ -268,7 +268,7 @@ def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
         left = _left(logs, step)
         if np.any(near := (left < NEAR) & ~going.narrowed):
             going.narrowed = going.narrowed | near
-            if np.any(near & (hung := confounds_gain(logs, covariance, "late"))):
+            if np.any(near & (hung := confounds_gain(logs, "late"))):
                 _tighten(going, logs, covariance, step, near & hung)
                 logs, covariance, step, moved = _settled(seen, going)
                 left = _left(logs, step)
@@ -276,7 +276,7 @@ def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
         if np.all(done) or look == LOOKS - 1:
             break
         going.follow(logs, step, ~done)
-    late, start = (confounds_gain(logs, covariance, name) for name in ("late", "start"))
+    late, start = (confounds_gain(logs, name) for name in ("late", "start"))
     return Batch(
         tuple(blocks),
         going.theta + _short(step, going.theta),
@@ -330,12 +330,13 @@ def _short(step: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return step / np.maximum(size, 1.0)[:, None]
 
 
-def confounds_gain(logs: Sequence[Reduced], covariance: np.ndarray, name: str) -> np.ndarray:
-    """(P,) whether the error of G is that of the bench's "late" or "start" (`gain_confounding.hangs_on`)."""
+def confounds_gain(logs: Sequence[Reduced], name: str) -> np.ndarray:
+    """(P,) whether the error of G is that of the bench's "late" or "start", as `gain_confounding` has it."""
     if not any(name in x.block.names for x in logs):
-        return np.zeros(len(covariance), bool)
-    without = solved(_sum([x.without(name) for x in logs]))
-    return without[:, 0, 0] < MOSTLY**2 * covariance[:, 0, 0]
+        return np.zeros(len(logs[0].information), bool)
+    others = [other for other in ("late", "start") if other != name]
+    least, alone = (solved(_sum([x.without(*out) for x in logs])) for out in (("late", "start"), others))
+    return least[:, 0, 0] < MOSTLY**2 * alone[:, 0, 0]
 
 
 def both(log: Reduced, theta: np.ndarray, turn: np.ndarray, values: np.ndarray, covariance: np.ndarray):

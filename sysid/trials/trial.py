@@ -129,8 +129,10 @@ class Trial(Record):
     @cached_property
     def start_free(self) -> bool:
         """The state at the first row is fitted."""
-        if self.steady or self.from_rest or "start" not in self.nuisances:
+        if self.steady or "start" not in self.nuisances:
             return False
+        if self.from_rest:  # one that moves, or is off zero: of real rows the offset is told by that alone
+            return bool(np.iscomplexobj(self.log.response))
         return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
 
     @cached_property

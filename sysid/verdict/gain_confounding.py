@@ -91,11 +91,12 @@ def loosened(trial: Trial) -> Trial:
 
 
 def confounds_gain(state: State, reference: tuple[float, float], free: Sequence[str]) -> tuple[str, ...]:
-    """The nuisances, "late" or "start", that cause the error of G: without them it would be known much
-    better."""
-    if "G" not in free:
-        return ()
-    return tuple(name for name in may_cancel(state) if hangs_on((name,), state, reference, free))
+    """The nuisances, "late" or "start", that cause the error of G: with one of them alone it is known much
+    worse than with none. Where both do, neither shows by what is left without it."""
+    names = may_cancel(state) if "G" in free else ()
+    least = _without(names, state, reference, free)
+    each = ((name, _without(tuple(n for n in names if n != name), state, reference, free)) for name in names)
+    return tuple(name for name, alone in each if least is not None and _much(least, alone))
 
 
 def may_cancel(state: State) -> tuple[str, ...]:
@@ -105,6 +106,19 @@ def may_cancel(state: State) -> tuple[str, ...]:
 
 def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
     """Whether these nuisances cause the error of G: without them it is less than MOSTLY of what it is."""
+    variance = _without(names, state, reference, free)
+    return variance is not None and _much(variance, std_of(state.covariance, "G") ** 2)
+
+
+def _much(less: float, more: float | None) -> bool:
+    """Whether one variance of log G is much less than another; None is that of a G that is not told."""
+    return more is None or less < MOSTLY**2 * more
+
+
+def _without(
+    names: Sequence[str], state: State, reference: tuple[float, float], free: Sequence[str]
+) -> float | None:
+    """The variance of log G if there were none of these nuisances."""
     views = []
     for trial, model in zip(state.trials, state.models, strict=True):
         kept = tuple(n for n in trial.nuisances if n not in names)
@@ -112,8 +126,7 @@ def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float],
         without = replace(trial, nuisances=kept).with_bench(extra=extra)
         views.append(LinearisedLog(without, model, state, reference, coloured=True))
     index = [NAMES.index(n) for n in free]
-    variance = _variance(views, index, state.prior.precision[np.ix_(index, index)])
-    return variance is not None and variance < MOSTLY**2 * std_of(state.covariance, "G") ** 2
+    return _variance(views, index, state.prior.precision[np.ix_(index, index)])
 
 
 def cancelling(view: LinearisedLog) -> tuple[float, float] | None:
@@ -137,7 +150,7 @@ def _step(trial: Trial, tau: float) -> bool:
 def _rest(trial: Trial, tau: float) -> bool:
     """A rest that is short beside tau, before a step."""
     shared = trial.signed and trial.start_free and "offset" in trial.shapes
-    return shared and trial.changes > 0 and bool(trial.inputs.duration[0] < tau)
+    return shared and (trial.from_rest or (trial.changes > 0 and bool(trial.inputs.duration[0] < tau)))
 
 
 class _Both(NamedTuple):
