@@ -198,3 +198,21 @@ def test_a_dead_time_of_several_rows_is_found_past_the_optima_of_fewer():
         assert abs(found.value - 30.0) < 3 * found.std < 12.0
         for name, truth in (("G", 1.5), ("tau", 200.0)):
             assert abs(fit.parameters[name].value - truth) < 3 * fit.parameters[name].std < 0.06 * truth
+
+
+@pytest.mark.parametrize(("first", "widest"), [(19, 0.02), study(17, 0.02), study(20, 0.02), (21, 0.1)])
+@seeds(4, 16)
+def test_a_rest_of_few_rows_or_none_leaves_true_intervals(bench, seeds, first, widest):
+    """The drive rises at row 20. Recorded from there on, or from a row later on, when the plate has come to 6 %
+    of where it goes, no row shows whether what the first one reads is an offset; of few rows at rest G hung on
+    one reading, as neither a lateness nor a start that cancels shows by what is left without it."""
+
+    def cut(log):
+        columns = ("response", "time", "drive", "frequency", "temperature")
+        return replace(log, **{name: getattr(log, name)[first:] for name in columns})
+
+    scores, std = fits(bench, cut, seeds)
+    assert (
+        np.max(np.abs(scores)) < 3
+    )  # in one of a thousand, were the intervals as wide as they are meant to be
+    assert np.median(std) < widest

@@ -23,10 +23,10 @@ its logs and does not average out, so s^2 grows with their number. Where other l
 stay wide; a feedthrough and a lateness that cancel there are taken for the simpler explanation, a gain of the
 log's own.
 
-In the same way, a rest before the step that is short beside tau shows only the sum of an offset and of a
-plate that still rings: both get priors of the size of that sum. Settled points at one frequency show only the
-sum of the plate's response and a feedthrough, which is taken to be as large, per volt, as those of the other
-logs.
+In the same way, a rest before the step that is short beside tau, or one that no row shows, tells only the sum
+of an offset and of a plate that moves already: both get priors of the size of that sum. Settled points at one
+frequency show only the sum of the plate's response and a feedthrough, which is taken to be as large, per
+volt, as those of the other logs.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,13 +37,13 @@ import numpy as np
 from scipy.special import stdtrit
 
 from sysid.minimum.minimise import State
-from sysid.model.theta import NAMES, std_of
+from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.result import NORMAL95
 
 SEEN = 2.0  # errors of a feedthrough, from which it may be there
-MOSTLY = 0.5  # of the standard deviation of log G, below which it falls when nothing is late
+MOSTLY = 0.5  # of the standard deviation of log G beside one of them, below which it falls without
 REGULAR = 1e-10  # least eigenvalue of the scaled information of parameters that the logs tell apart
 
 
@@ -94,6 +94,8 @@ def confounds_gain(state: State, reference: tuple[float, float], free: Sequence[
     """The nuisances, "late" or "start", that cause the error of G: with one of them alone it is known much
     worse than with none. Where both do, neither shows by what is left without it."""
     names = may_cancel(state) if "G" in free else ()
+    if not names:
+        return ()
     least = _without(names, state, reference, free)
     each = ((name, _without(tuple(n for n in names if n != name), state, reference, free)) for name in names)
     return tuple(name for name, alone in each if least is not None and _much(least, alone))
@@ -102,12 +104,6 @@ def confounds_gain(state: State, reference: tuple[float, float], free: Sequence[
 def may_cancel(state: State) -> tuple[str, ...]:
     """The nuisances, "late" or "start", that some log may hold beside what cancels them."""
     return tuple(name for name, pair in PAIRS.items() if any(pair.held(t, state.tau) for t in state.trials))
-
-
-def hangs_on(names: Sequence[str], state: State, reference: tuple[float, float], free: Sequence[str]) -> bool:
-    """Whether these nuisances cause the error of G: without them it is less than MOSTLY of what it is."""
-    variance = _without(names, state, reference, free)
-    return variance is not None and _much(variance, std_of(state.covariance, "G") ** 2)
 
 
 def _much(less: float, more: float | None) -> bool:
@@ -148,7 +144,7 @@ def _step(trial: Trial, tau: float) -> bool:
 
 
 def _rest(trial: Trial, tau: float) -> bool:
-    """A rest that is short beside tau, before a step."""
+    """A rest that is short beside tau, before a step; of d and q it may be before the first row."""
     shared = trial.signed and trial.start_free and "offset" in trial.shapes
     return shared and (trial.from_rest or (trial.changes > 0 and bool(trial.inputs.duration[0] < tau)))
 

@@ -17,6 +17,7 @@ from sysid.trials.trial import numbers_taken
 
 TRIED = 200  # of tau, between which there is no more than one minimum
 BEYOND = 30.0  # times the reciprocal of all frequencies, where a tau shows in none of them
+EXACT = 1e-24  # of the rows' sum of squares, less than which a residual has is rounding
 
 
 def low_pass(state: State, free: int) -> dict[str, Number] | None:
@@ -29,7 +30,7 @@ def low_pass(state: State, free: int) -> dict[str, Number] | None:
     ways = (_Sweeps.of(state, *how) for how in product((0, 1), (False, True)))
     rows, log_tau, left = min(((x, *x.best()) for x in ways), key=lambda found: found[2] / found[0].known)
     columns = rows.columns(log_tau)
-    count, numbers = rows.count, len(columns)
+    count, numbers = rows.reals, len(columns)
     more = free + sum(numbers_taken(t) for t in trials) - numbers
     if count * np.log(left / rows.known) > more * np.log(count):
         return None
@@ -65,10 +66,11 @@ class _Sweeps(NamedTuple):
         )
         drive = weight * np.concatenate([t.log.drive for t in trials])
         turning = (-1j if conjugate else 1j) * omega
-        return cls(response, drive, turning, order, float(np.sum(np.abs(left) ** 2)))
+        known = np.sum(np.abs(left) ** 2) + EXACT * np.sum(np.abs(response) ** 2)
+        return cls(response, drive, turning, order, float(known))
 
     @property
-    def count(self) -> int:
+    def reals(self) -> int:
         """Real numbers in them."""
         return len(self.response) * (2 if np.iscomplexobj(self.response) else 1)
 
@@ -96,7 +98,7 @@ class _Sweeps(NamedTuple):
         return float(found.x), float(found.fun)
 
     def columns(self, log_tau: float) -> np.ndarray:
-        """(numbers, count) derivatives by log G, log tau and phi."""
+        """(numbers, reals) derivatives by log G, log tau and phi."""
         h, lag = self.gain(log_tau) * self.shape(log_tau), self.turning * np.exp(log_tau)
         share = -lag / (1 + lag)
         if not np.iscomplexobj(self.response):

@@ -45,11 +45,11 @@ def assumptions(trial: Trial) -> list[str]:
         )
     if trial.from_rest and log.response_unit not in OFFSET_UNITS:
         rest = "taken as at rest before its first row"
-        alone = (
-            "taken as at rest before its first row, which alone tells an output offset from G: record rows"
-            " before the step"
-        )
-        found.append(f"no row shows the response without drive; {rest if trial.resonant else alone}")
+        if trial.start_free:
+            rest = "its first may be an offset or a plate that moves already: record rows before the step"
+        elif not trial.resonant:
+            rest += ", which alone tells an output offset from G: record rows before the step"
+        found.append(f"no row shows the response without drive; {rest}")
     elif trial.from_rest:
         found.append("taken as settled, with the drive at zero, before its first row")
     if not trial.signed and trial.driven:
