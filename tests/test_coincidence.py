@@ -133,7 +133,8 @@ def test_a_feedthrough_without_a_frequency_is_found_where_the_delay_is_stated(se
     found = [sysid.fit([log]) for log in logs]
     scores = np.array([(f.parameters["G"].value - G) / f.parameters["G"].std for f in found])
     assert chi2.ppf(1e-4, len(seeds)) < np.sum(scores**2) < chi2.ppf(1 - 1e-4, len(seeds))
-    assert max(f.parameters["G"].std for f in found) < 0.008 * G
+    alone = [f for f in found if not any(x.outcome == "widened" for x in f.findings)]  # by what may be there
+    assert len(alone) > 0.9 * len(found) and max(f.parameters["G"].std for f in alone) < 0.008 * G
     if share:
         through = [sysid.nuisances(f)[0] for f in found]
         names = ("feedthrough",) if phase == 0 else ("feedthrough_d", "feedthrough_q")
