@@ -2,8 +2,10 @@
 distribution (`model.rice`) is linear in them only nearby."""
 
 from collections.abc import Callable
+from copy import copy
 from typing import NamedTuple
 
+import jax
 import numpy as np
 
 from sysid.model import rice
@@ -49,8 +51,8 @@ def amplitude(
 
 
 class _Problem(NamedTuple):
-    """The sum of squares (...,) at some nuisances, what their steps gain to first order (..., K), and their
-    information (..., K, K)."""
+    """The sum of squares (n,) at some nuisances, what their steps gain to first order (n, 6), and their
+    information (n, 6, 6)."""
 
     cost: np.ndarray
     slope: np.ndarray
@@ -58,9 +60,9 @@ class _Problem(NamedTuple):
 
 
 class _Transient:
-    """A transient's mean amplitude by its numbers (..., 6): start, lateness, offset and floor, in units of
-    their priors over their tightness. `first` (..., 6) are their present values, `free` which of them are to
-    be found."""
+    """The mean amplitude of transients, or of one beside several plants, by their numbers (n, 6): start,
+    lateness, offset and floor, in units of their priors over their tightness. `first` are their present
+    values, `least` the least that they may have, `free` which of them are to be found."""
 
     def __init__(self, course: Course, x: Experiment, layout: Layout):
         self.x = x
@@ -71,10 +73,20 @@ class _Transient:
         self.still = course.forced + np.where(x.offset_free > 0, 0.0, x.offset)[..., None]
         self.own = x.tightness[..., None, None] * priors(NUMBERS, layout)
         first = x.start.real, x.start.imag, x.late, offset.real, offset.imag, x.tightness * x.floor
-        self.first = np.stack(np.broadcast_arrays(*first, np.zeros(course.forced.shape[:-1]))[:-1], axis=-1)
+        self.first = np.stack(np.broadcast_arrays(*first, np.zeros(len(course.forced)))[:-1], axis=-1)
+        self.least = np.where(np.arange(NUMBERS) == NUMBERS - 1, LEAST * self.first, -np.inf)
         is_start, is_offset, is_floor = x.start_free > 0, x.offset_free > 0, x.floor_free > 0
         free = is_start, is_start, np.ones_like(is_start), is_offset, is_offset, is_floor
-        self.free = np.stack(free, axis=-1)
+        self.free = np.stack(free, axis=-1) & np.ones_like(self.first, bool)
+
+    def only(self, some: np.ndarray) -> "_Transient":
+        """Some of them."""
+        part = copy(self)
+        for name in ("columns", "still", "first", "least", "free"):
+            setattr(part, name, getattr(self, name)[some])
+        if self.x.response.ndim > 1:  # else there is one log
+            part.x, part.own = jax.tree.map(lambda leaf: leaf[some], self.x), self.own[some]
+        return part
 
     def floor(self, values: np.ndarray) -> np.ndarray:
         """(...,)"""
@@ -115,34 +127,38 @@ class _Transient:
 
 
 def _settled(log: _Transient) -> np.ndarray:
-    """(..., 6) the numbers at their optimum near the first, by Marquardt's steps: the mean of Rice's
+    """(n, 6) the numbers at their optimum near the first, by Marquardt's steps: the mean of Rice's
     distribution is linear in them only nearby. Their damping follows from what a step gained of what it would
     have in a linear problem (Nielsen, IMM-REP-1999-05, Technical University of Denmark, 1999)."""
-    values, now = log.first, log.problem(log.first)
-    least = np.where(np.arange(NUMBERS) == NUMBERS - 1, LEAST * values, -np.inf)
-    lead, unit = values.shape[:-1], np.eye(NUMBERS)
-    damping, growth, going = np.full(lead, DAMPED[1]), np.full(lead, 2.0), np.ones(lead, bool)
+    found, values, now = log.first.copy(), log.first, log.problem(log.first)
+    which, damping, growth = (
+        np.arange(len(values)),
+        np.full(len(values), DAMPED[1]),
+        np.full(len(values), 2.0),
+    )
     for _ in range(MOST):
-        able = log.free & ((now.slope > 0) | (values > least))
-        gram = np.where(able[..., None] & able[..., None, :], now.gram, 0.0)
-        held = damping[..., None, None] * now.gram * unit
+        able = log.free & ((now.slope > 0) | (values > log.least))
+        gram = np.where(able[:, :, None] & able[:, None], now.gram, 0.0)
+        held = damping[:, None, None] * now.gram * np.eye(NUMBERS)
         whole = np.linalg.solve(gram + held, np.where(able, now.slope, 0.0)[..., None])[..., 0]
-        new = np.maximum(values + whole, least)
+        new = np.maximum(values + whole, log.least)
         step, there = new - values, log.problem(new)
         foreseen = np.sum(step * (2 * now.slope - (gram @ step[..., None])[..., 0]), axis=-1)
         gained = now.cost - there.cost
-        better = going & (gained > 0)
+        better = gained > 0
         less = 1 - (2 * gained / np.maximum(foreseen, 1e-300) - 1) ** 3
         damping = np.maximum(damping * np.where(better, np.maximum(0.1, less), growth), DAMPED[0])
         growth = np.where(better, 2.0, 2 * growth)
-        going &= np.where(better, gained, np.abs(foreseen)) > GAIN * now.cost
+        going = np.where(better, gained, np.abs(foreseen)) > GAIN * now.cost
         going &= damping < DAMPED[2]
-        values = np.where(better[..., None], new, values)
-        now = _Problem(
-            np.where(better, there.cost, now.cost),
-            np.where(better[..., None], there.slope, now.slope),
-            np.where(better[..., None, None], there.gram, now.gram),
-        )
-        if not np.any(going):
+        values = np.where(better[:, None], new, values)
+        pairs = zip(there, now, strict=True)
+        now = _Problem(*(np.where(better.reshape(-1, *(b.ndim - 1) * [1]), a, b) for a, b in pairs))
+        if not np.all(going):
+            found[which] = values
+            which, values, damping, growth = (v[going] for v in (which, values, damping, growth))
+            log, now = log.only(going), _Problem(*(v[going] for v in now))
+        if not len(which):
             break
-    return values
+    found[which] = values
+    return found
