@@ -35,6 +35,35 @@ SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 FOLDERS = ("plate", "quartz", "low_q")
 
 
+LONG = 1.25  # s, from which a test is the study's unless it is marked `always`
+SLOW = Path(__file__).with_name("slow.txt")  # the names of these
+
+
+def pytest_addoption(parser):
+    parser.addoption("--times", action="store_true", help=f"run what is slow too, and write {SLOW.name} anew")
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their marks
+def pytest_collection_modifyitems(config, items):
+    slow = set() if config.getoption("times") else set(SLOW.read_text(encoding="utf-8").splitlines())
+    for item in items:
+        if item.nodeid in slow and item.get_closest_marker("always") is None:
+            item.add_marker("study")
+
+
+def pytest_runtest_logreport(report):
+    if report.when == "call" and report.duration > LONG:
+        took.add(report.nodeid)
+
+
+def pytest_sessionfinish(session):
+    if session.config.getoption("times") and "PYTEST_XDIST_WORKER" not in os.environ:
+        SLOW.write_text("".join(f"{name}\n" for name in sorted(took)), encoding="utf-8")
+
+
+took = set[str]()  # tests of this run that took long
+
+
 @pytest.fixture(scope="session", autouse=True)
 def programs_are_kept(tmp_path_factory):
     """Subprocesses of the tests find what this process compiled; an outer folder, if one is set, is kept."""

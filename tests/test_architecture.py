@@ -205,6 +205,7 @@ def test_the_import_is_quick():
     assert done.stdout.strip() == "[]"
 
 
+@pytest.mark.always
 def test_public_names_stay_what_they_are():
     # a submodule must not take the place of a function of the same name once it has been imported
     script = "import sysid; first = sysid.fit; assert callable(first) and sysid.fit is first"
@@ -237,3 +238,9 @@ def test_no_file_names_a_machine_s_folder_or_a_registry():
 
 def test_no_lockfile():
     assert not (ROOT / ("uv" + ".lock")).exists()
+
+
+def test_every_test_that_is_named_as_slow_is_there():
+    for name in (ROOT / "tests" / "slow.txt").read_text(encoding="utf-8").splitlines():
+        path, _, test = name.partition("::")
+        assert f"def {test.partition('[')[0]}(" in (ROOT / path).read_text(encoding="utf-8"), name

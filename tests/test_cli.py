@@ -148,6 +148,7 @@ def undriven(bench, failed):
     return here("undriven.csv", cwd=bench)
 
 
+@pytest.mark.always
 def test_success_writes_the_whole_set_and_keeps_the_users_own_file(first):
     assert first.code == 0, first.err
     assert set(first.files) == ALL | {"notes.txt"} and first.files["notes.txt"] == b"mine"

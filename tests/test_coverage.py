@@ -40,6 +40,7 @@ def bounds(seeds):
     return binom.ppf(CHANCE, seeds, 0.95) / seeds, binom.ppf(1 - CHANCE, seeds, 0.95) / seeds
 
 
+@pytest.mark.always
 def test_intervals_hold_the_truth_as_often_as_they_say(outcomes):
     assert all(o.result == "successful" for o in outcomes), {o.said for o in outcomes}
     held = [h for o in outcomes for h in o.held.values()]

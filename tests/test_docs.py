@@ -38,6 +38,7 @@ def test_what_fit_json_may_say_of_the_result_is_documented(result):
     assert f"| `{result.value}` |" in (ROOT / "docs" / "errors.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.always
 def test_the_first_example_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     code = re.search(r"```python\n(.*?)```", PAGES[0].read_text(encoding="utf-8"), re.DOTALL)
     (tmp_path / "data").symlink_to(ROOT / "data")

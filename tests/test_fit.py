@@ -67,7 +67,7 @@ def distance(fit, truth):
 # --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("folder", ["plate", "quartz", "low_q"])
+@pytest.mark.parametrize("folder", [pytest.param("plate", marks=pytest.mark.always), "quartz", "low_q"])
 def test_all_logs_of_a_folder_together(folder, joint_fit, truths):
     fit = joint_fit(folder)
     assert fit.result is Result.successful

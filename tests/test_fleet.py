@@ -64,6 +64,7 @@ def made(folder, tmp_path_factory):
     return main([str(folder), "-o", str(where), "--jobs", "2"]), where
 
 
+@pytest.mark.always
 def test_every_plate_is_a_row_near_the_truth(made):
     code, where = made
     table = pd.read_csv(where / "fleet.csv").set_index("plate")

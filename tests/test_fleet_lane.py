@@ -131,7 +131,7 @@ LATE, TIMED = {}, {"delay_s": 0.0}
         study("sweep", LATE, id="sweep-late"),
         study("sweep", TIMED, id="sweep-timed"),
         study("both", LATE, id="both-late"),
-        pytest.param("both", TIMED, id="both-timed"),
+        pytest.param("both", TIMED, id="both-timed", marks=pytest.mark.always),
     ],
 )
 def test_rows_are_those_of_the_single_fit(kind, bench):

@@ -119,6 +119,7 @@ def test_a_stuck_sensor_ends_the_drive_after_the_voltage_moved():
     )
 
 
+@pytest.mark.always
 @pytest.mark.parametrize(
     "given", sampled([{"T": 5e-3}, {"T": 1e-2}, SLOW | {"T": 1.0}, SLOW | {"T": 0.1}]), ids=str
 )

@@ -65,6 +65,7 @@ def overshoot(rows, asked, step):
     return (amplitude(rows).max() - asked) / step
 
 
+@pytest.mark.always
 def test_it_starts_and_holds_the_amplitude(each):
     loop, bench = each
     rows = bench.run(duration=0.4)

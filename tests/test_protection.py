@@ -71,6 +71,7 @@ def test_nothing_that_is_miswired_exceeds_what_was_asked_for(method, limit):
             ), name
 
 
+@pytest.mark.always
 @pytest.mark.parametrize(("method", "limit"), [("pi", 160.0), study("pi", 350.0), study("adaptive", 350.0)])
 def test_what_breaks_in_run_ends_within_the_stated_time(method, limit):
     found = play(designed(limit, method=method), [lane for lane, *_ in BROKEN.values()], AT + 1100, ASKED)

@@ -333,6 +333,7 @@ def test_figures_to_zoom_into_are_there_where_they_are_wanted_and_go_out_with_th
     assert 'href="plate%20A7.html"' in (tmp_path / "plate A7_zoomable.html").read_text()
 
 
+@pytest.mark.always
 def test_every_kind_of_fit_is_kept(bench, tmp_path):
     """Amplitudes, a stated prior, and logs that tell nothing."""
     cases = {

@@ -355,6 +355,7 @@ def from_file():
     return TouchScene.from_toml(FILES / "grating.toml").run()
 
 
+@pytest.mark.always
 def test_a_file_with_everything():
     touch = from_file()
     assert touch.loop.method == "paper" and touch.warnings == ()

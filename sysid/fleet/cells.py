@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from sysid.fleet.batch import Batch
 from sysid.fleet.closed import Block
 from sysid.fleet.near import Near, near_at
-from sysid.fleet.nodes import AXES, places
+from sysid.fleet.nodes import AXES, places, turned
 from sysid.fleet.plate import digest
 from sysid.fleet.template import Template
 from sysid.fleet.tests import Tests
@@ -24,6 +24,7 @@ WIDTHS = (0.4, 0.8, 1.4, 4.0, 2.0)
 BLOCK = (
     3  # cells along each axis that have terms in common: with those beside it a middle has neighbours only
 )
+KEPT = 40  # nodes that are not linearised anew: those of a cell and of the four beside it, which share edges
 
 
 class Cells:
@@ -35,6 +36,9 @@ class Cells:
         self.made: dict[tuple, Template | str] = {}
         self.terms: dict[tuple, tuple[Near | None, str]] = {}
         self.said: dict[str, str] = {}
+        self._near_at = lru_cache(KEPT)(
+            lambda theta, narrow, levels: near_at(logs, blocks, np.array(theta), narrow, levels)
+        )
 
     def why(self, name: str, at: float | None) -> str:
         """Why a parameter that is not free is not determined, at that temperature (degC)."""
@@ -82,7 +86,8 @@ class Cells:
             return why
 
         def tests() -> Mapping[str, np.ndarray]:
-            return Tests.of(near, [self._near(key, place) for place in places(bool(key[-1]))])._asdict()
+            nodes = places(bool(key[-1])) * turned(key)
+            return Tests.of(near, [self._near(key, place) for place in nodes])._asdict()
 
         kept = arrays("tests", f"{self.inputs} {key.tolist()}", tests)
         return Template(near, Tests(**kept), bool(key[-1]))
@@ -91,8 +96,8 @@ class Cells:
         """What is tried `away` (AXES,) from the middle of a cell; why plates there are not for the batch."""
         levels, gain = _of_cells(key[None])[0], 1 / np.abs(self.blocks[-1].drive[0])
         sizes = [float(x * gain * np.abs(b.drive[0])) for x, b in zip(levels, self.blocks, strict=True)]
-        where = self.place(key[:AXES] + away, gain, sizes, bool(key[-1]))
-        return near_at(self.logs, self.blocks, *where, sizes)
+        theta, narrow = self.place(key[:AXES] + away, gain, sizes, bool(key[-1]))
+        return self._near_at(tuple(theta.tolist()), narrow, tuple(sizes))
 
     @cached_property
     def inputs(self) -> str:

@@ -2,8 +2,10 @@
 
 Over time constant and detuning, from -1/2 to 1/2 each, tests are a polynomial through those at Padua's
 points, of which there are as many as terms of its degree, and between which no such polynomial strays far
-(Caliari, De Marchi & Vianello, Appl. Math. Comput. 165, 261, 2005). Where priors are narrowed, tests change
-in proportion to how wide these are as well, by a plane over the other two axes.
+(Caliari, De Marchi & Vianello, Appl. Math. Comput. 165, 261, 2005). Every second cell along the time constant
+has them the other way round, so that cells side by side have those on the edge between them in common. Where
+priors are narrowed, tests change in proportion to how wide these are as well, by a plane over the other two
+axes.
 """
 
 from functools import cache
@@ -14,6 +16,11 @@ AXES = 3  # of a cell: time constant, detuning, and how wide narrowed priors are
 DEGREE = 3
 PLANE = 1  # degree of what changes along the last axis
 ALONG = 0.5 * np.cos(np.pi / 4)  # where nodes are on that axis, to both sides: Chebyshev's two points
+
+
+def turned(cell: np.ndarray) -> np.ndarray:
+    """(AXES,) which way round a cell's nodes are along each axis, 1 or -1."""
+    return np.where(np.arange(AXES) == 0, 1 - 2 * (cell[0] % 2), 1)
 
 
 def places(narrowed: bool) -> np.ndarray:

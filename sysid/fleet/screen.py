@@ -252,7 +252,7 @@ def _by_template(
         if rows is None:
             each = [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)]
             rows = there(np.concatenate(each, axis=1))
-        share = nodes.shares(away[here], template.narrowed)
+        share = nodes.shares(away[here] * nodes.turned(key), template.narrowed)
         found.why[here] = template.tests.refused[np.argmax(share, axis=1)]  # at the nearest node
         second = np.max(np.abs(np.tensordot(share, template.tests.second, 1)), axis=(1, 2))
         for seconds, error in late:  # `misfit._very_late`
