@@ -13,7 +13,7 @@ from sysid.fitting import fit
 from sysid.logs.read import read_logs
 from sysid.tables import csvbody
 from sysid.tables.cells import to_number
-from sysid.tables.stamps import seconds_since
+from sysid.tables.stamps import seconds_since, told
 from sysid.verdict.result import Result
 
 NOON = datetime.datetime(2024, 3, 1, 12)
@@ -71,6 +71,21 @@ def test_dates_are_seconds_since_the_first_row(save, form, name):
 def test_dates_with_a_decimal_comma(save):
     text = stamped(lambda at: at.isoformat(" ", "microseconds")).replace(",", ";").replace(".", ",")
     check_step(read_logs(save(text))[0])
+
+
+@pytest.mark.parametrize(
+    "form",
+    ["03/31/2024 12:00:{}", "31.03.2024 12:00:{}", "2024-03-31 12:00:{}", "Mar 31, 2024 12:00:{} PM"],
+)
+@pytest.mark.parametrize("end", ["05:250", "05.25", "05,25"])
+def test_dates_with_a_colon_before_the_milliseconds(form, end):
+    passed = told(seconds_since(form.format("00"), [form.format("01"), form.format(end)]))
+    assert passed.tolist() == [1.0, 5.25]
+
+
+def test_a_zone_may_be_a_word():
+    stamps = ["2024-03-31 12:00:00.5 UTC", "2024-03-31 12:00:01GMT", "2024-03-31T14:00:02+02:00"]
+    assert seconds_since(stamps[0], stamps).tolist() == [0.0, 0.5, 1.5]
 
 
 def test_dates_across_midnight_and_a_change_of_the_clocks():
@@ -408,6 +423,8 @@ def test_thousands_that_can_be_nothing_else(save, cell):
     cells = [[f"{quote}{cell if k == 2 else value}{quote}" for k, value in enumerate(row)] for row in rows]
     text = HEADER.replace(",", delimiter) + "".join(delimiter.join(row) + "\n" for row in cells)
     check_step(read_logs(save(text))[0])
+    if "\u00a0" in cell:  # as a spreadsheet of Windows writes it
+        check_step(read_logs(save(text.encode("cp1252"), "windows.csv"))[0])
 
 
 @pytest.mark.parametrize("cell", ['"32,290"', '"0,290.5"', "32 290", '"3,22,90.5"', '"1,5"'])

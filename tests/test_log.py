@@ -279,7 +279,8 @@ def test_inputs_are_known_in_other_languages(save, header, form):
 
 def test_volts_of_another_name_may_be_the_drive_of_a_log_without_one(save):
     said = "column Amp out [V] is kept out of the fit"
-    way = "; if it is the drive, call it voltage_V"
+    kinds = "voltage_V, voltage_V_rms or voltage_V_pp (its peak, rms, or from peak to peak)"
+    way = f"; if it is the drive, call it {kinds}"
     rows = "time_s,Amp out [V],{}\n0,3,1\n1,4,2\n"
     assert read_one(save(rows.format("w_um"))).notes == (said + way,)
     assert read_one(save(rows.format("w_V"))).notes == (said,)

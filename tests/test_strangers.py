@@ -167,10 +167,11 @@ def test_numbers_of_the_columns_below_their_names_are_no_row(save, first):
 
 PEAKS = {
     0.5**0.5: ["voltage_rms_V", "Voltage (rms) [V]", "Voltage [V] (rms)", "Voltage [V] eff", "u_rms_V"]
-    + ["Spannung eff. [V]", "Tension efficace [V]", "Tensión eficaz (V)"],
+    + ["Spannung eff. [V]", "Tension efficace [V]", "Tensión eficaz (V)", "Spannung Effektivwert (V)"]
+    + ["Tension valeur efficace (V)"],
     2.0: ["voltage_pp_V", "Voltage peak-peak [V]", "Voltage [V] (p-p)", "Spannung Spitze-Spitze [V]"]
-    + ["Tension crête à crête [V]", "Tensión pico a pico (V)"],
-    1.0: ["voltage_peak_V", "Voltage (0-p) [V]"],
+    + ["Tension crête à crête [V]", "Tensión pico a pico (V)", "Spannung SS (V)"],
+    1.0: ["voltage_peak_V", "Voltage (0-p) [V]", "Spannung Spitzenwert (V)"],
 }
 
 

@@ -148,6 +148,21 @@ def test_other_columns_of_that_name_are_left_in_peace(save, head):
     assert not log.warnings and "call it t_s, t_ms" in log.notes[0]
 
 
+@pytest.mark.parametrize("name", ["Elapsed Time [ms]", "unix_ms", "Horodatage (ms)", "since trigger in ms"])
+def test_what_goes_up_in_a_unit_of_time_is_one(save, name):
+    (log,) = read_logs(save(step(HEADER.replace("sample", name))))
+    assert log.kind == "transient" and not log.warnings
+    np.testing.assert_allclose(log.time - log.time[0], 1e-3 * np.arange(len(log)), atol=1e-9)
+    assert f"column {name} is read as time, by its unit and as it goes up" in log.notes
+
+
+def test_a_period_beside_frequencies_is_no_time(save):
+    head = "{} (ms),frequency_Hz,wd_um,wq_um\n"
+    rows = "".join(f"{1e3 / (200 - k)!r},{200 - k},1,{k}\n" for k in range(9))
+    assert read_logs(save(head.format("period") + rows))[0].time is None
+    assert read_logs(save(head.format("elapsed time") + rows))[0].time is not None
+
+
 @pytest.mark.parametrize("rate", ["0", "-5", "x"])
 def test_a_rate_that_is_none_is_refused(save, rate):
     with pytest.raises(LogError, match="sample_rate_Hz"):

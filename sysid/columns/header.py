@@ -186,7 +186,11 @@ def contract_plan(head: Head) -> Plan:
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
-        _check_understood(head, sources, unknown)
+        refuse_misspelt(
+            head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
+        )
+        notes += _add_time(head, unknown, sources)
+        _check_understood(head, sources)
     notes += _kept_out(head, [label for label in unknown if label], sources)
     notes += [
         f"column {sources[name].label} is read as standard errors of the response"
@@ -249,6 +253,22 @@ def _column(label: str) -> str:
     return f"column {label}" if label.strip() else "a column without a name"
 
 
+def _add_time(head: Head, unknown: list[str], sources: dict[str, Source]) -> list[str]:
+    """Enter the column that is a time by its unit, whatever it is called, where there is no other: one that
+    goes up from row to row, and of rows at several frequencies one with a word for time in its name. It
+    leaves `unknown`; a note on it."""
+    transient = _seems_timed(head, sources) or stated(head.metadata, "kind") == "transient"
+    for label in unknown if "time" not in sources else ():
+        name, unit, _ = units.split_unit(label)
+        steps = [after - before for before, after in pairwise(_first_numbers(head, label))]
+        called = transient or any(map(is_called_time, name.split()))
+        if called and units.fits("time", units.short(unit)) and steps and min(steps) > 0:
+            add_source(head, sources, f"time [{unit}]", Source(label, "", column=head.names.index(label)))
+            unknown.remove(label)
+            return [f"column {label} is read as time, by its unit and as it goes up"]
+    return []
+
+
 def _passing(head: Head, labels: Collection[str]) -> str | None:
     """The column that may be a time: one that goes up in the first rows, and is called so, without a unit, or
     has no name, or goes up in each of them and has no unit; or one of dates. None where there is none."""
@@ -291,7 +311,8 @@ def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str,
             "state `# sample_rate_Hz: 10000`, say, above the header",
         )
     else:
-        states = "states no unit of time" if is_called_time(label) or not label.strip() else "may be one"
+        bare = is_called_time(label) and not units.fits("time", units.short(units.split_unit(label)[1]))
+        states = "states no unit of time" if bare or not label.strip() else "may be one"
         found, unit = (
             f"{called} that goes up and {states}",
             "whatever its unit is, give the unit in a mapping file",
@@ -325,7 +346,12 @@ def _why_no_drive(label: str, sources: Mapping[str, Source]) -> str:
     sensed = any(VOLTS.fullmatch(source.unit) for name, source in sources.items() if name in WHOLE)
     open_ = VOLTS.fullmatch(unit) and not sensed and is_absent("voltage", sources)
     stated = parse(label).amplitude
-    return f"; if it is the drive, call it voltage_{unit}{stated and '_'}{stated}" if open_ else ""
+    if not open_:
+        return ""
+    if stated:
+        return f"; if it is the drive, call it voltage_{unit}_{stated}"
+    kinds = f"voltage_{unit}, voltage_{unit}_rms or voltage_{unit}_pp"
+    return f"; if it is the drive, call it {kinds} (its peak, rms, or from peak to peak)"
 
 
 def _why_no_time(head: Head, label: str) -> str:
@@ -334,6 +360,8 @@ def _why_no_time(head: Head, label: str) -> str:
         return ""
     if is_local(head.first(head.names.index(label))):
         return f": a date of a form that is not read; write a time as {EXAMPLE}"
+    if units.fits("time", units.short(units.split_unit(label)[1])):
+        return ": it does not go up from row to row, as a time does"
     return f": it states no unit of time; call it {_with_unit_of_time(label)}"
 
 
@@ -380,11 +408,8 @@ def _check_waveform(head: Head, sources: dict[str, Source], unknown: list[str]) 
         )
 
 
-def _check_understood(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:
-    """A misspelt name or a response that is not whole: LogError with a mapping file."""
-    refuse_misspelt(
-        head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
-    )
+def _check_understood(head: Head, sources: dict[str, Source]) -> None:
+    """A response that is not whole: LogError with a mapping file."""
     response = sources.keys() & {"w", "wd", "wq"}
     if response in ({"w"}, {"wd", "wq"}):
         if all(sources[name].column is None for name in response):

@@ -31,25 +31,29 @@ def _words(text: str) -> tuple[str, ...]:
     return tuple(folded(text).split())
 
 
-# What English, German, French, Spanish, Italian and Russian call the inputs and a response. A word that means
-# something else in another of them is left out, but where the unit tells: a tension in V is no force.
+# What English, German, French, Spanish, Italian, Portuguese, Dutch, Swedish, Polish and Russian call the
+# inputs and a response. A word that means something else in another of them is left out, but where the unit
+# tells: a tension in V is no force.
 INPUTS = {
     name: _words(text)
     for name, text in {
-        "time": "t time timestamp zeit uhrzeit temps heure tiempo hora tempo время"
+        "time": "t time timestamp zeit uhrzeit temps heure tiempo hora tempo tijd tid czas время"
         " x-axis x_value xvalue second seconds sec elapsed",
-        "frequency": "f freq frequency frequenz fréquence frecuencia frequenza частота frq omega ω",
-        "temperature": "temp temperature temperatur température temperatura температура t",
-        "force": "force kraft fuerza forza",
+        "frequency": "f freq frequency frequenz fréquence frecuencia frequenza частота frq omega ω"
+        " frequência frequentie frekvens częstotliwość",
+        "temperature": "temp temperature temperatur température temperatura температура temperatuur t",
+        "force": "force kraft fuerza forza força kracht siła",
         "duty": "duty pwm tastgrad",
         "voltage": "v u voltage volt volts spannung tension voltaje tensione напряжение"
+        " tensão voltagem spanning spänning napięcie"
         " drive excitation anregung anregungsspannung excitación eccitazione возбуждение"
         " vin vdrive udrive vexc uexc vosc uosc oscillator",
         "wd": "wd",
         "wq": "wq",
         "w": "w displacement velocity response position deflection speed vibration"
         " auslenkung verschiebung geschwindigkeit antwort déplacement vitesse réponse"
-        " desplazamiento velocidad respuesta spostamento velocità risposta перемещение скорость отклик",
+        " desplazamiento velocidad respuesta spostamento velocità risposta перемещение скорость отклик"
+        " deslocamento velocidade resposta verplaatsing snelheid förskjutning hastighet przemieszczenie",
     }.items()
 }
 # A drive whatever is said of its amplitude, as a voltage is none: a response may be one.

@@ -13,7 +13,6 @@ from sysid.effects.effect import (
     oscillating,
     shares,
     size,
-    sweep,
 )
 from sysid.effects.mode import TURNS, Left
 from sysid.effects.number import Number, number
@@ -45,7 +44,8 @@ def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 FEEDTHROUGH = Effect(
     name="feedthrough",
-    shows=lambda trial: sweep(trial) and not trial.signed and "background" in trial.nuisances,
+    shows=lambda trial: trial.driven and not trial.signed and "background" in trial.nuisances,
+    shown_by=lambda trial, about: "wd and wq" if trial.driven and not trial.signed else "",
     stds=lambda trial, about: np.array([RESISTIVE, CAPACITIVE]),
     starts=lambda trial, about: np.array(
         [[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]

@@ -28,7 +28,7 @@ from sysid.tables.csvfile import Head, LogError, comment_of, metadata_of
 from sysid.tables.pieces import Gap, find_gaps, pieces, rows_like, without_end, without_remarks
 from sysid.tables.preamble import DEEPEST, names_below
 from sysid.tables.stamps import EXAMPLE, is_date, is_local, seconds_since, told
-from sysid.tables.textfile import is_packed, open_text
+from sysid.tables.textfile import decoded, is_packed, open_text
 
 BLOCK = 1 << 24  # bytes parsed at a time
 UNPACKED = 1 << 27  # numbers, and lines, of a packed file, whose size says nothing of what it unpacks to
@@ -90,7 +90,8 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
             blank, count = _check_counts(head, block, line)
             blank_lines += blank
             if rows := count - len(blank):
-                numbers, texts = _parse(head, block, line, rows, columns, key, dated)
+                text = block if block.isascii() else decoded(block).encode()
+                numbers, texts = _parse(head, text, line, rows, columns, key, dated)
                 for column, known in joined.items():  # longer in place: the numbers are in memory once
                     known.resize((len(known) + rows, *numbers[column].shape[1:]), refcheck=False)
                     known[-rows:] = numbers[column]
@@ -165,7 +166,7 @@ def _of_table(head: Head, gap: Gap) -> dict[str, str]:
         raise LogError(
             f"{head.path}, line {gap.line + place + 1}: {found}; save each table in a file of its own"
         )
-    texts = [raw.decode("utf-8", errors="replace") for raw in lines if raw]
+    texts = [decoded(raw) for raw in lines if raw]
     marks, known = head.dialect.comment or (), head.dialect
     told = (head.told, head.sample[0], str(known.delimiter), str(known.decimal))
     rate = axis.sample_rate(head.path, texts, *told)
@@ -214,7 +215,7 @@ def refuse_cell(head: Head, body: Body, row: int, column: int, expected: str, mo
 def _line(path: str, number: int) -> str:
     """A line of the file, counted from 1."""
     with open_text(path) as file:
-        return next(itertools.islice(file, number - 1, None), b"").decode("utf-8", errors="replace")
+        return decoded(next(itertools.islice(file, number - 1, None), b""))
 
 
 def _without(good: np.ndarray, whole: bool) -> str:
@@ -256,7 +257,7 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
         )
     spare = (counts == len(head.names)) & (last == ord(str(head.dialect.delimiter)))
     for index in map(int, np.flatnonzero(~blank & (counts != len(head.names) - 1) & ~spare)):
-        row = bytes(text[ends[index] - lengths[index] : ends[index] + 1]).decode("utf-8", errors="replace")
+        row = decoded(bytes(text[ends[index] - lengths[index] : ends[index] + 1]))
         cells = split_line(row, str(head.dialect.delimiter))
         if len(cells) < len(head.names) or any(cell.strip() for cell in cells[len(head.names) :]):
             unfinished = index == len(ends) - 1 and not block.endswith(b"\n")
@@ -279,7 +280,7 @@ def _check_counts(head: Head, block: bytes, line: int) -> tuple[list[int], int]:
 def _other_table(below: bytes, line: int, dialect: Dialect) -> str:
     """What to do about a table of another header that begins among the lines from `line` on; "" where none
     does."""
-    lines = [raw.decode("utf-8", errors="replace") for raw in below.split(b"\n", DEEPEST)[:DEEPEST]]
+    lines = [decoded(raw) for raw in below.split(b"\n", DEEPEST)[:DEEPEST]]
     names = names_below(lines, replace(dialect, delimiter=None))
     return (
         ""

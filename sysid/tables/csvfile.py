@@ -43,7 +43,7 @@ from sysid.tables.preamble import (
 )
 from sysid.tables.sheet import Sheet
 from sysid.tables.stamps import is_stamp
-from sysid.tables.textfile import LogError, open_text, read_line, refuse_binary
+from sysid.tables.textfile import LogError, decoded, open_text, read_line, refuse_binary
 
 OTHERS = "%!"  # comments too, where the first line begins so: of lock-ins and network analysers
 SAMPLE = 50  # lines below the header that tell how the numbers are written
@@ -138,7 +138,7 @@ def _uncommented(path: str) -> list[str]:
         if not first.strip() or long or first.startswith((b"#", b"%", b"!")):
             return []
         raws = [first, *_read_lines(path, file, 1, DEEPEST - 1)]
-    return [raw.decode("utf-8", errors="replace") for raw in raws]
+    return [decoded(raw) for raw in raws]
 
 
 def _with_settings_beside(head: Head, told: Mapping[int, str], lines: list[str]) -> Head:
@@ -162,11 +162,11 @@ def _read_top(path: str, dialect: Dialect) -> Head:
         dialect = replace(dialect, comment=marks)
         start = file.tell() - len(raw)
         raws = [raw, *_read_lines(path, file, number, SAMPLE)]
-        lines = [line, *(text.decode("utf-8", errors="replace") for text in raws[1:])]
+        lines = [line, *map(decoded, raws[1:])]
         top = None
         if dialect.skip is None and dialect.header is not False and not is_table(lines, dialect):
             raws += _read_lines(path, file, number + SAMPLE, DEEPEST - SAMPLE)
-            lines += [text.decode("utf-8", errors="replace") for text in raws[len(lines) :]]
+            lines += map(decoded, raws[len(lines) :])
             top = find_top(lines, dialect)
     if top:
         among = [k for k in range(top.names) if lines[k].startswith(marks)]

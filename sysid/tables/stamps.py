@@ -12,7 +12,9 @@ from decimal import Decimal, InvalidOperation
 
 import numpy as np
 
-_ISO = re.compile(r"\d{4}([-/.])\d\d?\1\d\d?([T ]\s*\d\d?:\d\d(:\d\d([.,]\d*)?)?\s*(Z|[+-]\d\d(:?\d\d)?)?)?")
+_ISO = re.compile(
+    r"\d{4}([-/.])\d\d?\1\d\d?([T ]\s*\d\d?:\d\d(:\d\d([.,:]\d*)?)?\s*(Z|UTC|GMT|[+-]\d\d(:?\d\d)?)?)?"
+)
 _HALF = r"(?:\s*([AP])\.?M\.?)?"  # of the day
 # 12:00:00.5, 12:00:00:500, and 00:00.5 of minutes and seconds, as spreadsheets show it
 _CLOCK = re.compile(
@@ -20,12 +22,11 @@ _CLOCK = re.compile(
 )
 _LOCAL = re.compile(r"\d\d?([-/.])\d\d?\1\d{2,4}(?!\d)")
 _LOCALLY = re.compile(
-    rf"(\d\d?)([-/.])(\d\d?)\2(\d{{4}}|\d\d)(?:(?:,?\s+|T)(\d\d?):(\d\d)(?::(\d\d(?:[.,]\d*)?))?{_HALF})?",
+    rf"(\d\d?)([-/.])(\d\d?)\2(\d{{4}}|\d\d)(?:(?:,?\s+|T)(\d\d?):(\d\d)(?::(\d\d(?:[.,]\d*|:\d{{3}})?))?{_HALF})?",
     re.IGNORECASE,
 )
-_TIME = (
-    rf"(?P<hour>\d\d?):(?P<minute>\d\d)(?::(?P<second>\d\d(?:[.,]\d*)?))?{_HALF.replace('([', '(?P<half>[')}"
-)
+_SECONDS = r"(?P<second>\d\d(?:[.,]\d*|:\d{3})?)"
+_TIME = rf"(?P<hour>\d\d?):(?P<minute>\d\d)(?::{_SECONDS})?{_HALF.replace('([', '(?P<half>[')}"
 _MONTHS = (
     "jan",
     "feb",
@@ -93,7 +94,7 @@ def _usual(text: str) -> str:
     day = f"{century}{found['year']}-{int(month):02d}-{int(found['day']):02d}"
     if found["hour"] is None:
         return day
-    return f"{day}T{_hour(found['hour'], found['half'])}:{found['minute']}:{found['second'] or '00'}"
+    return f"{day}T{_hour(found['hour'], found['half'])}:{found['minute']}:{_second(found['second'])}"
 
 
 def is_clock(text: str) -> bool:
@@ -173,7 +174,12 @@ def _as_iso(date: re.Match[str], order: tuple[int, int, int]) -> str:
     day = f"{year if len(year) == 4 else f'20{year}'}-{month}-{day}"
     if date[5] is None:
         return day
-    return f"{day}T{_hour(date[5], date[8])}:{date[6]}:{(date[7] or '00').replace(',', '.')}"
+    return f"{day}T{_hour(date[5], date[8])}:{date[6]}:{_second(date[7])}"
+
+
+def _second(second: str | None) -> str:
+    """Of a minute, whatever stands before its fraction: 05.250 of 05:250."""
+    return re.sub("[,:]", ".", second or "00")
 
 
 def _hour(hour: str, half: str | None) -> str:
@@ -188,14 +194,20 @@ def _clocks(texts: Sequence[str]) -> np.ndarray:
     import pandas as pd
 
     found = [_CLOCK.fullmatch(text) for text in texts]
-    known = [of and f"{_hour(of[1] or '0', of[4])}:{of[2]}:{re.sub('[,:]', '.', of[3])}" for of in found]
+    known = [of and f"{_hour(of[1] or '0', of[4])}:{of[2]}:{_second(of[3])}" for of in found]
     read = pd.to_timedelta(pd.Series(known, dtype=object), errors="coerce")
     return read.to_numpy("timedelta64[ns]")
+
+
+def _plain(text: str) -> str:
+    """A date of ISO 8601 as the library reads it: a point before the fraction of a second, Z for UTC."""
+    text = re.sub(r"(:\d\d:\d\d):", r"\1.", text.replace(",", ".").replace("/", "-"))
+    return re.sub(r"\s*(UTC|GMT)$", "Z", text)
 
 
 def _dates(texts: Sequence[str | None]) -> np.ndarray:
     import pandas as pd
 
-    known = [text and text.replace(",", ".").replace("/", "-") for text in texts]
+    known = [text and _plain(text) for text in texts]
     read = pd.to_datetime(pd.Series(known, dtype=object), format="ISO8601", utc=True, errors="coerce")
     return read.dt.tz_localize(None).to_numpy("datetime64[ns]")

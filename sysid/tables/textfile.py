@@ -45,6 +45,14 @@ _CELL = rb'(?:"[^"]{1,200}"|[^",;\t\r\n]*)'
 _HEADER = re.compile(rb"(?![#%!])" + _CELL + rb"(?:[,;\t]" + _CELL + rb")*(?=\r?\n)")
 
 
+def decoded(raw: bytes) -> str:
+    """Text of a line, or of rows: UTF-8 or, as programs of Windows may write, its usual code page."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
+
+
 class LogError(ValueError):
     """Unusable input: the message names file, line or column, what was found and what was expected.
 

@@ -125,11 +125,13 @@ _WRITTEN = re.compile(rf"({'|'.join(_PREFIXES)})({'|'.join(_FULL)})s?", re.I)
 _QUOTIENT = re.compile(r"([^/_,]*[^/_,\s])(?:\s*/\s*|,\s+)(\S.*)")
 _PART = re.compile(r"([wW])_([dDqQ])(?=[_\s\[(])")  # W_d (um), w_q_um
 _IN = re.compile(r"(|.*\S)[\s_]+in\s+(\S.*)")  # Zeit in s; of R&S also "in s" alone, or below a name
-# Of Veff and Vss (Spitze-Spitze); behind other letters they end a word, and w_ss is the steady state.
+# Of Veff and Vss (Spitze-Spitze); behind other letters they end a word, and w_ss is the steady state. A
+# Spannung SS is one of a voltage.
 _WORD = (
     r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff\.?|(?<=(?-i:[VAmU]))ss"
-    r"|peak[ -](?:to[ -])?peak|spitze-spitze|cr[eê]te [aà] cr[eê]te|pico a pico|picco-picco"
-    r"|efficace|eficaz|effektiv"
+    r"|(?:(?<=ung )|(?<=age ))ss|peak[ -](?:to[ -])?peak|spitze-spitze|cr[eê]te [aà] cr[eê]te"
+    r"|pico a pico|picco-picco|(?:valeur |valore )?efficace|(?:valor )?eficaz|effektiv(?:-?wert)?|rms-?wert"
+    r"|scheitelwert|spitzenwert"
 )
 _BRACKETS = re.compile(
     rf"([^\[(]*?)[\s_]*(?:[\[(]({_WORD})[\])])?\s*[\[(]\s*([^\])]*?)\s*[\])][\s_]*[\[(]?({_WORD})?[\])]?",
@@ -138,7 +140,7 @@ _BRACKETS = re.compile(
 _BEFORE = re.compile(rf"({_WORD})_([^_]+)", re.I)  # rms_V of voltage_rms_V
 _AMPLITUDE = re.compile(rf"(?P<unit>.*?)[\s_]*(?P<amplitude>{_WORD})", re.I)
 _PEAKS = {"pk": "peak", "0-p": "peak", "0p": "peak"}
-_PEAKS |= dict.fromkeys(("eff", "eff.", "efficace", "eficaz", "effektiv"), "rms")
+_PEAKS |= dict.fromkeys(("scheitelwert", "spitzenwert"), "peak")
 
 
 class Name(NamedTuple):
@@ -227,6 +229,8 @@ def split_amplitude(unit: str) -> tuple[str, str]:
 
 def _in_words(amplitude: str) -> str:
     word = amplitude.lower()
+    if re.search("eff|rms|efi", word):
+        return "rms"
     return _PEAKS.get(word, word if word in ("", *PEAK) else "pp")
 
 

@@ -22,7 +22,6 @@ from sysid.verdict.misfit import described, misfits
 from sysid.verdict.recorder import clipped, touched
 
 APART = 5.0  # standard deviations by which logs have to contradict the others: once in a million
-ALIKE = 3.0  # by which log G and log tau are both lower, and within which by the same, as under a finger
 SAME = 6.0  # of chi^2: odds of twenty to one
 UNKNOWN = 1e150  # standard deviations of what a log says nothing of, whose weight is still a number
 DIFFER = ("G", "tau", "f0")  # of which G and tau as logarithms
@@ -93,9 +92,9 @@ def _alone(minimiser: Minimiser, trials: tuple[Trial, ...], together: State) -> 
     return replace(state, dispersion=looked.average().covariance)
 
 
-def _found(trials: Sequence[Trial], said: str) -> Finding:
+def _found(trials: Sequence[Trial], said: str, key: str = "odd") -> Finding:
     names = tuple(t.log.name for t in trials)
-    return Finding("odd", "refused", said.format(", ".join(names)), names)
+    return Finding(key, "refused", said.format(", ".join(names)), names)
 
 
 def _told(
@@ -141,14 +140,15 @@ def _contradiction(
         said = elsewhere("{}", [t.log for t in some], others, value, k_T)
     else:
         said = own("{}", name, times(float(np.expm1(value)) if value > 0 else value), len(odd) > 1)
-    return None if said is None else _found(some, said)
+    return None if said is None else _found(some, said, "finger" if touch else "odd")
 
 
 def _touch(apart: dict[str, tuple[float, float]]) -> float:
-    """By how much log G and log tau are both lower than those of the others; 0 where they are not, or not
-    alike."""
+    """By how much log G and log tau are both lower than those of the others, as under a finger; 0 where they
+    are not, or not by the same, or where it may as well be one of them alone."""
     values, errors = np.array([apart.get(n, (0.0, 1.0)) for n in ("G", "tau")]).T
-    if np.any(values > -ALIKE * errors) or abs(values[0] - values[1]) > ALIKE * float(np.hypot(*errors)):
+    alike, one = (values[0] - values[1]) ** 2 / np.sum(errors**2), np.min((values / errors) ** 2)
+    if np.any(values > 0) or alike > SAME or one < alike + SAME:
         return 0.0
     return float(-np.sum(values / errors**2) / np.sum(errors**-2.0))
 
