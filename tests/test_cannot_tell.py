@@ -131,3 +131,52 @@ def test_where_tau_is_not_told_f0_is_not_either_but_to_the_narrowest_half_bandwi
         f0 = sysid.sample(fit, seed=seed).summary()["f0"]
         for p in (fit.parameters["f0"], f0):
             assert not p.determined or (abs(p.value - bench.plant.f0) < 5 * p.std and p.std < 60.0)
+
+
+def plate(rng, f, noise):
+    """Settled points of 20 V: f0 5200 Hz, a half bandwidth of 13.3 Hz."""
+    y = 20.0 / (1 + 1j * (f - 5200.0) / 13.3)
+    return sysid.Log(
+        "sweep",
+        y + noise * (rng.standard_normal((2, len(f))).T @ (1, 1j)),
+        drive=np.full(len(f), 20.0),
+        frequency=f,
+        temperature=np.full(len(f), 24.0),
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_sweep_much_narrower_than_its_peak_is_not_called_a_flank_nor_noise(seed):
+    """In noise of a tenth, over a tenth of the width: what lies outside of it nobody can tell."""
+    rng = np.random.default_rng(seed)
+    fit = sysid.fit([plate(rng, np.linspace(5199.0, 5201.5, 30), 1.5)])
+    for name in ("G", "tau"):
+        why = fit.parameters[name].why
+        assert "a sweep over 2.5 Hz does not show the width" in why and "at least 25 Hz" in why
+    assert "25 Hz wide or more" in fit.parameters["f0"].why
+    wide = sysid.fit([plate(rng, np.linspace(5180.0, 5220.0, 40), 1.5)])  # "at least"
+    assert wide.result is sysid.Result.successful
+
+
+def test_a_short_step_of_little_noise_says_that_of_its_gain_too():
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(40)
+    drive = np.where(t < 0.01, 0.0, 10.0)
+    y = 0.5 * 10 * (1 - np.exp(-np.maximum(t - 0.01, 0.0) / 0.1))
+    log = sysid.Log("step", y + 0.03 * rng.standard_normal(40), drive=drive, time=t)
+    found = sysid.fit([log]).parameters
+    assert "the longest log covers" in found["G"].why and found["G"].why == found["tau"].why
+
+
+@pytest.mark.parametrize("ends", [2.0, 20.0])
+def test_a_plant_that_integrates_is_called_that(ends):
+    """A motor's angle behind a step of its voltage: longer records say the same, until nobody is asked to
+    wait."""
+    rng = np.random.default_rng(0)
+    t = ends / 200 * np.arange(200)
+    drive = np.where(t < 0.1 * ends, 0.0, 12.0)
+    angle = 7.5 * 12 / ends * np.maximum(t - 0.1 * ends, 0.0)
+    log = sysid.Log("angle", angle + 0.05 * rng.standard_normal(200), drive=drive, time=t)
+    found = sysid.fit([log]).parameters
+    for name in ("G", "tau"):
+        assert "a plant that integrates" in found[name].why and "record its rate of change" in found[name].why

@@ -151,7 +151,7 @@ def _filter(order: int) -> Effect:
     )
 
 
-FILTERS = tuple(_filter(order) for order in (1, 2, 4))  # as lock-ins have them
+FILTERS = tuple(_filter(order) for order in (1, 2, 3, 4))  # 6 to 24 dB per octave, as lock-ins have them
 
 
 def _gapped(trial: Trial) -> bool:

@@ -11,13 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.minimum.minimise import State
-from sysid.model.theta import NAMES
+from sysid.model.theta import NAMES, std_of
 from sysid.rows.dwell import dwells
 from sysid.trials.trial import Trial
 
 BESIDE = 1.0  # half bandwidths, from which it is said: the points show less than half of the peak's power
 # half bandwidths, from which settled points alone determine nothing: less than a third of the peak
 TAIL = 3.0
+SURE = 2.0  # errors of f0, by which it lies outside: of less the logs do not tell on which side it is
 
 
 class Flank(NamedTuple):
@@ -48,9 +49,9 @@ class Flank(NamedTuple):
 
 
 def seen(state: State, reference: tuple[float, float]) -> Flank | None:
-    """The flank, where f0 lies more than BESIDE half bandwidths outside of all driven frequencies, each at
-    its own temperature; None where it does not, where there is none to sweep through (f0 <= 0), or where a
-    transient has a frequency: its beat tells f0."""
+    """The flank, where f0 surely lies more than BESIDE half bandwidths outside of all driven frequencies,
+    each at its own temperature; None where it does not, where there is none to sweep through (f0 <= 0), or
+    where a transient has a frequency: its beat tells f0."""
     theta, tau = dict(zip(NAMES, state.theta, strict=True)), state.tau
     resonant = [t for t in state.trials if t.resonant]
     if not resonant or not all(_settled(t, tau) for t in resonant) or reference[0] + theta["f0"] <= 0:
@@ -62,8 +63,8 @@ def seen(state: State, reference: tuple[float, float]) -> Flank | None:
     ]
     above = reference[0] + theta["f0"] + theta["k_T"] * np.concatenate(warm) - driven
     nearest = float(above[np.argmin(np.abs(above))])
-    halves = 2 * np.pi * tau * nearest
-    if abs(halves) <= BESIDE or np.any(np.sign(above) != np.sign(nearest)):
+    halves, error = 2 * np.pi * tau * nearest, std_of(state.spread, "f0")
+    if abs(halves) <= BESIDE or np.any(np.sign(above) != np.sign(nearest)) or abs(nearest) < SURE * error:
         return None
     return Flank(nearest, halves, driven.min(), driven.max(), all(_settled(t, tau) for t in state.trials))
 

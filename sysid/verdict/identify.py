@@ -24,17 +24,20 @@ WARMING = 10.0
 SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
 SETTLED_AMPLITUDE = (
     "cannot tell, because the settled amplitude at one frequency does not say how far that is from the"
-    " resonance; record a sweep"
-    " across the resonance"
+    " resonance; record a sweep across the resonance"
 )
+UNTUNED = "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
 NO_ENVELOPE = (
     "cannot tell, because rows differ from their neighbours as from any others, as noise does, or an"
-    " oscillation that was not"
-    " demodulated; record its amplitude, or wd and wq, or the oscillation as kind: waveform"
+    " oscillation that was not demodulated; record its amplitude, or wd and wq, or the oscillation as kind:"
+    " waveform"
 )
 # errors of their thermometers, by which the logs' temperatures are apart where an interval of k_T holds
 NARROW = 3.0
+WHOLE = 4.0  # tau, that a log covers that shows how its response settles
+BENDS = 0.1  # tau: over less a rise is straight but for a twentieth, and whether it settles is not seen
+LEVEL = 3.0  # times the noise, from which what all rows have in common is a response
 BURIED = 0.5  # of the variance of a log's rows lies between neighbours where noise hides the rest
 
 
@@ -60,8 +63,8 @@ def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mod
     if name in ("tau", "f0") and "k_T" in free and any(_drifts_along(t) for t in trials):
         return (
             "cannot tell, because the temperature drifted along with the frequency, which k_T and the width"
-            " of the resonance"
-            " explain alike; record another sweep at a temperature 10 degC away, or the same one downwards"
+            " of the resonance explain alike; record another sweep at a temperature 10 degC away, or the"
+            " same one downwards"
         )
     said = _cause(name, trials, tau, free)
     hidden = "noise" in said or "half a bandwidth" in said  # by which the steps of a recorder are as well
@@ -82,9 +85,8 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
         )
     if sum(numbers_left(t) for t in trials) - len(free) < SPARE:
         return (
-            "cannot tell, because the readings are hardly more than the unknowns, so that their noise"
-            " cannot be told; record"
-            " ten points or more"
+            "cannot tell, because the readings are hardly more than the unknowns, so that their noise cannot"
+            " be told; record ten points or more"
         )
     return None
 
@@ -204,18 +206,24 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         return "cannot tell, because the drive is zero in every row; record a voltage step"
     if all(t.one_level for t in trials if t.driven):
         return (
-            "cannot tell, because no row shows the response without drive, so that an output offset, a"
-            " plate that still rings"
-            f" and a gain look alike; record {seconds(tau)} before the step, with the drive at zero"
+            "cannot tell, because no row shows the response without drive, so that an output offset, a plate"
+            f" that still rings and a gain look alike; record {seconds(tau)} before the step, with the drive"
+            " at zero"
         )
     if _one_amplitude(trials):
         return SETTLED_AMPLITUDE
     driven = [t for t in trials if t.driven]
+    if _one_frequency(driven):
+        return (
+            "cannot tell, because at one frequency a gain and a resonance beside the drive look alike; record"
+            " a sweep across the resonance"
+        )
+    if said := _too_short(driven, tau) or _too_narrow(driven, tau):
+        return said
     if all(not t.steady and t.lateness > 0.5 * RELATIVE * tau for t in driven):
         return (
-            "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in"
-            " a step; record a sweep"
-            f" across the resonance, or rows {seconds(0.05 * tau)} apart or closer"
+            "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in a"
+            f" step; record a sweep across the resonance, or rows {seconds(0.05 * tau)} apart or closer"
         )
     return (
         "cannot tell, because noise or background hide the response to the drive; record a larger voltage"
@@ -229,24 +237,22 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if not moving and not swept:
         return (
             "cannot tell, because settled points at one frequency hold no time constant; record a voltage"
-            " step or a sweep"
-            " across the resonance"
+            " step or a sweep across the resonance"
         )
     hidden = "cannot tell, because noise hides the transient; record a larger step, or the average of several"
     if not any(t.resonant or t.driven for t in moving + swept):
         hidden = NO_ENVELOPE
     if _one_frequency(trials):
         return (
-            "cannot tell, because one frequency at a constant drive holds no time constant; record a"
-            " voltage step or a sweep"
-            " across the resonance"
+            "cannot tell, because one frequency at a constant drive holds no time constant; record a voltage"
+            " step or a sweep across the resonance"
         )
     if moving and not swept:
         window = max(t.log.time[-1] - t.log.time[0] for t in moving)
         if window == 0:
             return (
-                "cannot tell, because all rows are of one moment; see whether the time is in the column"
-                " that was taken for it"
+                "cannot tell, because all rows are of one moment; see whether the time is in the column that"
+                " was taken for it"
             )
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
         if all(_buried(t) for t in moving):
@@ -256,89 +262,116 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
                 f"cannot tell, because rows are {seconds(step)} apart and the response settles between two"
                 f" of them; record rows {seconds(step / 100)} apart or closer"
             )
-        if window < 4 * tau:
-            return (
-                f"cannot tell, because the longest log covers {window / tau:.2g} tau; record"
-                f" {seconds(10 * window)} or more"
-                " after a voltage step"
-            )
+        if said := _too_short(moving, tau):
+            return said
     if swept and not moving:
-        span = max(np.ptp(t.log.frequency) for t in swept)
-        if all(_buried(t) or (t.noise.time > 0 and span > 3 / (np.pi * tau)) for t in swept):
-            return (
-                "cannot tell, because noise hides the resonance; record it at a larger drive, or the"
-                " average of several sweeps"
-            )
-        return (
-            f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance;"
-            f" sweep over at least"
-            f" {max(10 * span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more across it"
+        return _too_narrow(swept, tau) or (
+            "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of"
+            " several sweeps"
         )
     return hidden
 
 
+def _too_short(trials: Sequence[Trial], tau: float) -> str:
+    """Of transients alone, that they end before the response has settled; "" where one does not, and of
+    noise."""
+    if any(t.steady for t in trials) or all(_buried(t) for t in trials):
+        return ""
+    window = max(t.log.time[-1] - t.log.time[0] for t in trials)
+    if not 0 < window < WHOLE * tau:
+        return ""
+    if window < BENDS * tau and any(t.driven for t in trials):
+        return (
+            "cannot tell, because the response goes on at the same rate to the end of the longest log, as"
+            " that of a plant that integrates (the angle of a motor, the level of a tank), which has no G and"
+            f" no tau: record its rate of change; or, if it settles, {seconds(10 * window)} or more after a"
+            " step"
+        )
+    return (
+        f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {seconds(10 * window)}"
+        " or more after a voltage step"
+    )
+
+
+def _too_narrow(trials: Sequence[Trial], tau: float) -> str:
+    """Of sweeps alone, that they do not show how wide the resonance is; "" of others, and where noise hides
+    it."""
+    span = _span(trials)
+    if span == 0 or not all(t.steady for t in trials):
+        return ""
+    if not any(_level(t) for t in trials) and all(
+        _buried(t) or (t.noise.time > 0 and span > 3 / (np.pi * tau)) for t in trials
+    ):
+        return ""
+    return (
+        f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep"
+        f" over at least {max(10 * span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more"
+        " across it"
+    )
+
+
+def _span(trials: Sequence[Trial]) -> float:
+    """Hz, of the widest sweep."""
+    return max((float(np.ptp(t.log.frequency)) for t in trials if t.steady and t.resonant), default=0.0)
+
+
+def _level(trial: Trial) -> bool:
+    """Whether the rows of a log have something in common that is larger than noise."""
+    y = trial.log.response
+    return bool(np.abs(np.mean(y)) ** 2 > LEVEL**2 * np.mean(np.abs(np.diff(y)) ** 2) / 2)
+
+
 def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if "f0" not in free:
-        return (
-            "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as"
-            " metadata"
-        )
+        return UNTUNED
     if all(t.log.amplitude_only and not t.swept for t in trials if t.resonant):
         return (
             "cannot tell, because the amplitude of a step near resonance does not depend on the detuning;"
-            " record wd and wq,"
-            " or a sweep across the resonance"
+            " record wd and wq, or a sweep across the resonance"
         )
     if _one_frequency(trials):
         return (
             "cannot tell, because at one frequency a rotation of the demodulator's phase and a resonance"
-            " beside the drive look"
-            " alike; record a sweep across the resonance"
+            " beside the drive look alike; record a sweep across the resonance"
         )
-    if buried(trials):
+    if all(t.silent or (_buried(t) and not _level(t)) for t in trials):
         return (
             "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of"
             " several logs"
         )
+    width = max(3 / (np.pi * tau), 10 * _span(trials))
     return (
-        f"cannot tell to half a bandwidth; record a sweep across the resonance, {3 / (np.pi * tau):.3g} Hz"
-        f" wide or more"
+        f"cannot tell to half a bandwidth; record a sweep across the resonance, {width:.3g} Hz wide or more"
     )
 
 
 def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     warm = [t.log.temperature for t in trials if t.resonant and t.log.temperature is not None]
     if "f0" not in free:
-        return (
-            "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as"
-            " metadata"
-        )
+        return UNTUNED
     if not warm:
         return (
             "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC"
-            " apart, and fit those"
-            " instead"
+            " apart, and fit those instead"
         )
     lowest, highest = min(w.min() for w in warm), max(w.max() for w in warm)
     if "k_T" not in free:
         return (
             f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC);"
-            f" record a sweep"
-            " 10 degC away from it"
+            f" record a sweep 10 degC away from it"
         )
     if _one_amplitude(trials):
         return SETTLED_AMPLITUDE
     if _one_frequency(trials):
         return (
             "cannot tell, because at one frequency only the product of k_T and tau follows from how the"
-            " response changes with the"
-            " temperature; record a voltage step, and a sweep at each of two temperatures 10 degC apart"
+            " response changes with the temperature; record a voltage step, and a sweep at each of two"
+            " temperatures 10 degC apart"
         )
     if within_errors(trials):
         return (
             f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the error of"
-            f" the thermometer"
-            " (temperature_std_degC); record sweeps at temperatures further apart"
+            f" the thermometer (temperature_std_degC); record sweeps at temperatures further apart"
         )
     return (
         f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the"
@@ -349,9 +382,8 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
 def _why_finger(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.log.amplitude_only for t in trials if t.touched):
         return (
-            "cannot tell, because the amplitude alone does not say whether a finger damps the plate or"
-            " moves its resonance;"
-            " record wd and wq under the finger"
+            "cannot tell, because the amplitude alone does not say whether a finger damps the plate or moves"
+            " its resonance; record wd and wq under the finger"
         )
     return "cannot tell, because noise hides what the finger does; press for longer, or to 1.5 N"
 
