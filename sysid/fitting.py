@@ -77,9 +77,11 @@ def fit(
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
         question, found, sure = _with_effects(question, found, names, bool(restless))
-    if restless and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
+    other = sure and any(f.mostly for f in found.findings)  # a plant of another kind, which decays as one too
+    driven = restless and not other
+    if driven and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
         return told
-    untold = found.modes[0].converged and not found.parameters["tau"].determined
+    untold = found.modes[0].converged and not (found.parameters["tau"].determined or other)
     if untold and (told := _of_decays(best, given, found)) is not None:
         return told
     return replace(_widened(question, found, "late" in nuisances), judged=None)

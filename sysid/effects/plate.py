@@ -90,10 +90,11 @@ RINGING = np.array([0.25, 0.5, 1.0, 2.0])  # half bandwidths beside the resonanc
 
 def _off_resonance(signed: bool) -> Effect:
     """A transient without a frequency, taken as driven at the resonance, was driven so many half bandwidths
-    above it. An amplitude is the same from either side."""
+    above it, or d and q of a decay are of a reference there. An amplitude is the same from either side, and
+    decays as it does anywhere."""
 
     def shows(trial: Trial) -> bool:
-        unknown = not (trial.steady or trial.resonant) and trial.driven and trial.signed is signed
+        unknown = not (trial.steady or trial.resonant) and trial.signed is signed and (trial.driven or signed)
         turned = np.iscomplexobj(trial.log.response) or not signed  # one real channel may be of anything
         return unknown and turned and len(trial.log) >= LEAST_ROWS
 
@@ -109,9 +110,10 @@ def _off_resonance(signed: bool) -> Effect:
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         off = found["off_Hz"]
+        what = "it was driven" if trial.driven else "the reference of d and q was"
         return Told(
-            f"it was driven about {abs(off.value):.2g} ± {off.std:.1g} Hz off the resonance, and no frequency"
-            " is recorded",
+            f"{what} about {abs(off.value):.3g} ± {off.std:.1g} Hz off the resonance, and no frequency is"
+            " recorded",
             "add a frequency_* column, or its value as metadata",
         )
 
