@@ -583,6 +583,20 @@ def test_two_time_constants_are_told(among):
     assert sorted(times) == pytest.approx([10.0, 60.0], rel=0.05)
 
 
+def test_two_time_constants_up_and_down_are_no_restless_plate(among):
+    """The decay after the step is of the same plant: to read it alone, on an offset that drifts, was as wrong."""
+    t, ends = 1.5 * np.arange(600), 501.0
+    rise = lambda since, tau: -np.expm1(-np.maximum(since, 0.0) / tau)  # noqa: E731
+    y = sum(20 * a * (rise(t - 60, tau) - rise(t - ends, tau)) for a, tau in ((0.9, 20.0), (0.1, 200.0)))
+    noise = 0.05 * np.random.default_rng(0).standard_normal(600)
+    drive = np.where((t < 60) | (t >= ends), 0.0, 10.0)
+    log = Log("heater", 21 + y + noise, time=t, drive=drive, kind="transient", response_unit="degC")
+    fit = sysid.fit(log, nuisances=among("second_pole"))
+    (found,) = (f for f in fit.findings if f.outcome == "refused")
+    assert found.key == "second_pole" and not fit.parameters["tau"].determined
+    assert abs(found.numbers["tau_s"].value - 200.0) < FAR * found.numbers["tau_s"].std
+
+
 def test_any_two_effects_go_together(bench):
     """A log that is read as with one is a log that another can be read into, whichever it made of it."""
     for log in (bench.sweep(seed=1, time=np.arange(101.0)), bench.transient(seed=1)):

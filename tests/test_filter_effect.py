@@ -63,7 +63,7 @@ def scores(fits):
     return [(p.value - v) / p.std for f in fits for n, v in truth.items() if (p := f.parameters[n])]
 
 
-@pytest.mark.parametrize(("time", "order"), [study(8e-4, 1), (1e-4, 4)])
+@pytest.mark.parametrize(("time", "order"), [study(8e-4, 1), study(5e-4, 3), (1e-4, 4)])
 @seeds(1, 4)
 def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order, among):
     """Without it all of them are misfits, with tau 3 to 20 of its errors off."""

@@ -130,3 +130,19 @@ def test_a_sweep_beside_it_tells_f0(among):
     fit = sysid.fit([step, sweep], nuisances=among("off_resonance"))
     assert fit.result is Result.successful and max(map(abs, scores(fit, -0.7))) < 4
     assert abs(fit.parameters["f0"].value - PLANT.f0) < 4 * fit.parameters["f0"].std
+
+
+@pytest.mark.parametrize("x", [1.5, study(-0.4), study(6.0)])
+@seeds(2, 12)
+def test_a_decay_beside_the_reference_of_d_and_q_is_fitted(seeds, x, among):
+    """It turns as it decays, at as many Hz as the reference is off: a complex exponential."""
+    z, t = [], TAU / 30 * np.arange(200)
+    for seed in seeds:
+        y = 1.7 * np.exp((-1 / TAU - 2j * np.pi * x * HALF) * t) + 0.02 - 0.01j
+        log = sysid.Log("decay", y + reference.noise(200, 0.01, 300 + seed), time=t, kind="transient")
+        fit = sysid.fit(log, nuisances=among("off_resonance"))
+        (found,) = (f for f in fit.findings if f.outcome == "fitted")
+        assert fit.result is Result.successful and found.key == "off_resonance"
+        off, tau = found.numbers["off_Hz"], fit.parameters["tau"]
+        z.append([(tau.value - TAU) / tau.std, (off.value - x * HALF) / off.std])
+    assert np.sqrt(np.mean(np.square(z))) < most(2 * z)
