@@ -148,7 +148,8 @@ def _with_effects(
         hung = confounds_gain(most.state, minimiser.reference, minimiser.free)
         states = _tight(minimiser, most.state, hung) if hung else minimiser.imaged([most.state])
         states = [replace(s, dispersion=wider) for s in states]
-    judged = retold(judged, best, named, outcome.refuted, "finger_damping" in minimiser.free)
+    fingered = "finger_damping" in minimiser.free
+    judged = retold(judged, best, named, outcome.refuted, outcome.unsure, fingered)
     if not named and outcome.unsure.issuperset(w.key for w in judged.wrong):
         judged = judged._replace(unsure=True)
     if named and outcome.described:

@@ -659,7 +659,13 @@ def test_a_room_that_goes_up_and_down_under_a_pulse_is_told(seeds, among):
         rise = [-np.expm1(-np.maximum(t - at, 0) / 120) for at in (360, 1800)]
         y = 21 + 20 * (rise[0] - rise[1]) + room + 0.06 * rng.standard_normal(600)
         drive = np.where((t >= 360) & (t < 1800), 40.0, 0.0)
-        given = {"time": t, "drive": drive, "kind": "transient", "sampling": "instant"}
+        given = {
+            "time": t,
+            "drive": drive,
+            "kind": "transient",
+            "sampling": "instant",
+            "response_unit": "degC",
+        }
         fit = sysid.fit(Log("room", y, **given), nuisances=among("offset_drift"))
         assert fit.result.name == "successful"
         assert [f.key for f in fit.findings if f.outcome == "fitted"] == ["offset_drift"]

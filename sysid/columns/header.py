@@ -8,42 +8,43 @@ meant; a file that is not understood is refused with a mapping file to start fro
 import dataclasses
 import re
 from collections.abc import Collection, Mapping
-from itertools import pairwise
 
 from sysid.columns.factors import not_applied
 from sysid.columns.found import completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
-from sysid.columns.metadata import rate_key, refuse_repeated, sample_rate, stated, stated_constant
+from sysid.columns.metadata import rate_key, refuse_repeated, stated_constant
 from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
-    LETTERS,
-    SYNONYMS,
     add_source,
     add_synonyms,
     first_word,
-    is_called_time,
     is_waveform,
     refuse_misspelt,
 )
+from sysid.columns.timebase import (
+    add_time,
+    called,
+    counter_of,
+    evenly,
+    numbered,
+    passing_of,
+    rate_of,
+    seems_timed,
+    untimed,
+    why_no_time,
+)
 from sysid.columns.unknown import drafted, not_understood
 from sysid.tables import units
-from sysid.tables.cells import SHOWN, amount, listed, to_number
+from sysid.tables.cells import SHOWN, amount, listed
 from sysid.tables.csvfile import Head, LogError
 from sysid.tables.densities import amplitude_of, is_decibel
-from sysid.tables.stamps import EXAMPLE, is_local
 
 INPUTS = ("time", "frequency", "temperature", "force")
 WHOLE = ("wd", "wq", "w", "response")
-PASSING = 9  # steps that all go up: of a column in no order one in 10! does
 VOLTS = re.compile(r"[numk]?V")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
-# what counts the rows of an even sampling; "": the index that pandas writes, which has no name
-SAMPLES = (
-    *("sample", "samples", "sample_no", "sample_number", "sample_index"),
-    *("index", "idx", "row", "no", "n", "#", ""),
-)
 
 
 def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan]:
@@ -83,21 +84,16 @@ def _by_rate(head: Head, plan: Plan) -> Plan:
     """The plan with a time of rows that have none, by a stated sample rate, and what is to be said of it."""
     if plan.sources.keys() & {"time", "response"}:
         return plan
-    if not (rate := _rate(dataclasses.replace(head, metadata=plan.metadata), plan.sources, None)):
+    if not (rate := rate_of(dataclasses.replace(head, metadata=plan.metadata), plan.sources, None)):
         return plan
-    told, key = _evenly(head, rate), rate_key(head.metadata)
+    told, key = evenly(head, rate), rate_key(head.metadata)
     notes, warnings = ((), (told,)) if key and key in plan.metadata else ((told,), ())
     return dataclasses.replace(
         plan,
-        sources=plan.sources | {"time": _numbered(rate)},
+        sources=plan.sources | {"time": numbered(rate)},
         notes=(*plan.notes, *notes),
         warnings=(*plan.warnings, *warnings),
     )
-
-
-def _numbered(rate: float) -> Source:
-    """The time of rows that follow one another at a rate (Hz)."""
-    return Source("the rows' number", "s", scale=1 / rate, counted=True)
 
 
 def _powers(head: Head, plan: Plan) -> list[str]:
@@ -173,23 +169,23 @@ def contract_plan(head: Head) -> Plan:
             add_source(head, sources, key, stated_constant(head, key, value, name))
     notes += add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
-    counter = None if waveform or "time" in sources else _counter(head, unknown)
-    rate = None if waveform or "time" in sources else _rate(head, sources, counter)
+    counter = None if waveform or "time" in sources else counter_of(head, unknown)
+    rate = None if waveform or "time" in sources else rate_of(head, sources, counter)
     said: tuple[str, ...] = ()
     if rate and counter is not None:
         sources["time"] = Source(counter, "s", column=head.names.index(counter), scale=1 / rate)
         unknown.remove(counter)
-        notes.append(f"{_column(counter)} is read as time, at a sample rate of {rate:.7g} Hz")
+        notes.append(f"{called(counter)} is read as time, at a sample rate of {rate:.7g} Hz")
     elif rate:
-        sources["time"] = _numbered(rate)
-        said = (_evenly(head, rate),)
+        sources["time"] = numbered(rate)
+        said = (evenly(head, rate),)
     if waveform:
         _check_waveform(head, sources, unknown)
     else:
         refuse_misspelt(
             head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
         )
-        notes += _add_time(head, unknown, sources)
+        notes += add_time(head, unknown, sources)
         _check_understood(head, sources)
     notes += _kept_out(head, [label for label in unknown if label], sources)
     notes += [
@@ -197,7 +193,7 @@ def contract_plan(head: Head) -> Plan:
         for name in ERRORS
         if name in sources
     ]
-    passing = None if waveform or counter is not None or "time" in sources else _passing(head, unknown)
+    passing = None if waveform or counter is not None or "time" in sources else passing_of(head, unknown)
     split = [label.casefold() for label in head.names].count("log")
     if split > 1:
         raise LogError(f"{head.path}: found {split} columns 'log', expected one")
@@ -206,7 +202,7 @@ def contract_plan(head: Head) -> Plan:
         head.metadata | ({"kind": "waveform"} if waveform else {}),
         split=[label.casefold() for label in head.names].index("log") if split else None,
         notes=tuple(notes),
-        warnings=_untimed(head, counter, passing) if not rate and _seems_timed(head, sources) else said,
+        warnings=untimed(head, counter, passing) if not rate and seems_timed(head, sources) else said,
     )
 
 
@@ -219,116 +215,13 @@ def _of_errors(label: str) -> str:
     return f"{'std_q' if (found['of'] or '').casefold() == 'wq' else 'std'} [{unit}] {amplitude}"
 
 
-def _counter(head: Head, labels: Collection[str]) -> str | None:
-    """The column that counts the samples, by its name and its first rows; None where there is none."""
-    counting = (
-        label
-        for label in labels
-        if label.strip().casefold() in SAMPLES
-        and (first := _first_numbers(head, label))
-        and all(after == before + 1 for before, after in pairwise(first))
-    )
-    return next(counting, None)
-
-
-def _rate(head: Head, sources: Mapping[str, Source], counter: str | None) -> float | None:
-    """The sample rate (Hz) of rows without a time: the one that is stated, of counted rows and of those of a
-    transient; else None. Raises LogError where it is no rate."""
-    if counter is None and stated(head.metadata, "kind") != "transient" and not _seems_timed(head, sources):
-        return None
-    return sample_rate(head, head.metadata)
-
-
-def _evenly(head: Head, rate: float) -> str:
-    """What is said of rows whose time is counted from a stated rate alone."""
-    return (
-        f"{head.name}: found no time; its rows are taken as one every {1 / rate:.7g} s, by the sample rate"
-        f" that is stated; where rows were left out or averaged since, state that rate, or `# kind: steady`"
-        f" of settled points"
-    )
-
-
-def _column(label: str) -> str:
-    """What a column is called in a sentence."""
-    return f"column {label}" if label.strip() else "a column without a name"
-
-
-def _add_time(head: Head, unknown: list[str], sources: dict[str, Source]) -> list[str]:
-    """Enter the column that is a time by its unit, whatever it is called, where there is no other: one that
-    goes up from row to row, and of rows at several frequencies one with a word for time in its name. It
-    leaves `unknown`; a note on it."""
-    transient = _seems_timed(head, sources) or stated(head.metadata, "kind") == "transient"
-    for label in unknown if "time" not in sources else ():
-        name, unit, _ = units.split_unit(label)
-        steps = [after - before for before, after in pairwise(_first_numbers(head, label))]
-        called = transient or any(map(is_called_time, name.split()))
-        if called and units.fits("time", units.short(unit)) and steps and min(steps) > 0:
-            add_source(head, sources, f"time [{unit}]", Source(label, "", column=head.names.index(label)))
-            unknown.remove(label)
-            return [f"column {label} is read as time, by its unit and as it goes up"]
-    return []
-
-
-def _passing(head: Head, labels: Collection[str]) -> str | None:
-    """The column that may be a time: one that goes up in the first rows, and is called so, without a unit, or
-    has no name, or goes up in each of them and has no unit; or one of dates. None where there is none."""
-    for label in sorted(labels, key=is_called_time, reverse=True):
-        steps = [after - before for before, after in pairwise(_first_numbers(head, label))]
-        called = is_called_time(label) or not label.strip()
-        bare = len(steps) >= PASSING and not units.is_known(units.split_unit(label)[1])
-        up = bool(steps) and sum(steps) > 0 and min(steps) >= 0
-        column = head.names.index(label)
-        dates = {tuple(row[column : column + 1]) for row in head.sample if head.dated(column)}
-        if (up and (called or (bare and min(steps) > 0))) or len(dates) > 1:
-            return label
-    return None
-
-
-def _first_numbers(head: Head, label: str) -> list[float]:
-    column, mark = head.names.index(label), str(head.dialect.decimal)
-    return [to_number(row[column], mark) for row in head.sample if column < len(row)]
-
-
-def _seems_timed(head: Head, sources: Mapping[str, Source]) -> bool:
-    """Whether rows without a time look like those of a transient: at one frequency, and not said to be
-    settled."""
-    frequency = sources.get("frequency")
-    if stated(head.metadata, "kind"):
-        return False
-    column = None if frequency is None else frequency.column
-    return column is None or len({row[column] for row in head.sample if column < len(row)}) == 1
-
-
-def _untimed(head: Head, counter: str | None, passing: str | None) -> tuple[str, ...]:
-    """What to say of rows that are counted, or whose time has no unit, and that are read without a time; the
-    ways to say it. Empty of any other rows."""
-    if (label := passing if counter is None else counter) is None:
-        return ()
-    called = f"a column {label!r}" if label.strip() else "a column without a name"
-    if counter is not None:
-        found, way = (
-            f"{called} that counts the rows",
-            "state `# sample_rate_Hz: 10000`, say, above the header",
-        )
-    else:
-        bare = is_called_time(label) and not units.fits("time", units.short(units.split_unit(label)[1]))
-        states = "states no unit of time" if bare or not label.strip() else "may be one"
-        found, unit = (
-            f"{called} that goes up and {states}",
-            "whatever its unit is, give the unit in a mapping file",
-        )
-        way = f"call it {_with_unit_of_time(label)}, or {unit} (--columns)"
-    way += ", or `# kind: steady` of settled points"
-    return (f"{head.name}: found no time, and {found}, taken as settled points; {way}",)
-
-
 def _kept_out(head: Head, labels: list[str], sources: Mapping[str, Source]) -> list[str]:
     """A note on each column that is not read; on all of them where there are many."""
     if len(labels) > SHOWN:
         return [f"{len(labels)} columns are kept out of the fit: {listed(labels)}"]
     each = []
     for label in labels:
-        why = ("" if "time" in sources else _why_no_time(head, label)) or _why_no_drive(label, sources)
+        why = ("" if "time" in sources else why_no_time(head, label)) or _why_no_drive(label, sources)
         if "w" in sources and parse(label).part == "phase":
             magnitude = sources["w"].label
             why = (
@@ -352,24 +245,6 @@ def _why_no_drive(label: str, sources: Mapping[str, Source]) -> str:
         return f"; if it is the drive, call it voltage_{unit}_{stated}"
     kinds = f"voltage_{unit}, voltage_{unit}_rms or voltage_{unit}_pp"
     return f"; if it is the drive, call it {kinds} (its peak, rms, or from peak to peak)"
-
-
-def _why_no_time(head: Head, label: str) -> str:
-    """Why a column that is called a time, in a file that has no other, is not read as one."""
-    if not is_called_time(label):
-        return ""
-    if is_local(head.first(head.names.index(label))):
-        return f": a date of a form that is not read; write a time as {EXAMPLE}"
-    if units.fits("time", units.short(units.split_unit(label)[1])):
-        return ": it does not go up from row to row, as a time does"
-    return f": it states no unit of time; call it {_with_unit_of_time(label)}"
-
-
-def _with_unit_of_time(label: str) -> str:
-    """What to call a column of times, by a name that is read as one."""
-    name = units.split_unit(label)[0]
-    name = name if (SYNONYMS | LETTERS).get(name.casefold()) == "time" else "time"
-    return f"{name}_s, {name}_ms"
 
 
 def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:

@@ -174,17 +174,23 @@ def retold(
     state: State,
     named: Sequence[Finding],
     refuted: Collection[tuple[str, int]],
+    unsure: Collection[str],
     fingered: bool,
 ) -> Judged:
     """The same after effects were tried in full: those `named` explain most of their logs, and what is
-    `refuted` explains nothing, nor is it there where it harms nothing. `fingered`: what a finger does is
-    fitted."""
+    `refuted` explains nothing, nor is it there where it harms nothing; nor does it show that anything is, if
+    it is `unsure` to be there. `fingered`: what a finger does is fitted."""
     if not (judged.wrong or named):
         out = {(name, state.trials[i].log.name) for name, i in refuted}
         return judged._replace(
             doubts=[d for d in judged.doubts if not out.intersection(product((d.key,), d.logs))]
         )
-    found = [replace(f, explains=False) if (f.name, f.log) in refuted else f for f in judged.found]
+    found = [
+        replace(f, explains=False, certain=f.certain and f.name not in unsure)
+        if (f.name, f.log) in refuted
+        else f
+        for f in judged.found
+    ]
     wrong, doubts = _described(state, found, fingered)
     if named:
         about = {name for f in named for name in f.logs}
