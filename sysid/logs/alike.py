@@ -19,9 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.columns.header import SAMPLES, planned
+from sysid.columns.header import planned
 from sysid.columns.metadata import stated
 from sysid.columns.plan import Plan
+from sysid.columns.timebase import SAMPLES
 from sysid.logs.log import Log
 from sysid.logs.opening import opened
 from sysid.logs.read import log_of, logs_of, of_one_bench, read_logs, with_response

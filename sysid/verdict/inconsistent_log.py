@@ -92,9 +92,9 @@ def _alone(minimiser: Minimiser, trials: tuple[Trial, ...], together: State) -> 
     return replace(state, dispersion=looked.average().covariance)
 
 
-def _found(trials: Sequence[Trial], said: str, key: str = "odd") -> Finding:
+def _found(trials: Sequence[Trial], said: str) -> Finding:
     names = tuple(t.log.name for t in trials)
-    return Finding(key, "refused", said.format(", ".join(names)), names)
+    return Finding("odd", "refused", said.format(", ".join(names)), names)
 
 
 def _told(
@@ -140,7 +140,8 @@ def _contradiction(
         said = elsewhere("{}", [t.log for t in some], others, value, k_T)
     else:
         said = own("{}", name, times(float(np.expm1(value)) if value > 0 else value), len(odd) > 1)
-    return None if said is None else _found(some, said, "finger" if touch else "odd")
+    found = None if said is None else _found(some, said)
+    return replace(found, key="finger") if found is not None and touch else found
 
 
 def _touch(apart: dict[str, tuple[float, float]]) -> float:
