@@ -35,7 +35,7 @@ SYNTHETIC = Path(__file__).parents[1] / "data" / "synthetic"
 FOLDERS = ("plate", "quartz", "low_q")
 
 
-LONG = 1.25  # s, from which a test is the study's unless it is marked `always`
+LONG = 0.8  # s, from which a test is the study's unless it is marked `always`
 SLOW = Path(__file__).with_name("slow.txt")  # the names of these
 
 
