@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import seeds
-from scipy.stats import multivariate_normal
+from conftest import seeds, study
+from scipy.stats import multivariate_normal, norm
 
 import sysid
-from sysid import Log, fit
+from sysid import Log, Result, fit
 from sysid.rows.thermometer import HELD, LEVELS, _walk, of_plates, step_of
 
 ROWS = 150
@@ -185,6 +185,29 @@ def test_a_stated_error_of_the_thermometer_is_in_the_interval():
     logs = [replace(sweep(t, 1, reading=0.0), bench={"temperature_std_degC": 0.5}) for t in (20.0, 26.0)]
     k_T = fit(logs).parameters["k_T"]
     assert k_T.std == pytest.approx(10 * 0.5 * np.sqrt(2) / 6, rel=0.05)
+
+
+@pytest.mark.parametrize("apart", [0.3, study(0.27), study(0.5)])
+def test_temperatures_that_hardly_differ_have_the_posterior_of_their_quotient(apart):
+    """Each read within 0.05 degC: k_T is that of df = k_T (dT + errors), and its density, with flat k_T,
+
+        N(df; k_T dT, 2 (0.05 k_T)^2),
+
+    falls so slowly to one side that chains about the minimum stood still there."""
+    logs = [
+        replace(sweep(t, 1, 0.0, noise=1e-3), bench={"temperature_std_degC": 0.05})
+        for t in (20.0, 20.0 + apart)
+    ]
+    posterior = sysid.sample(fit(logs))
+    assert posterior.result is Result.successful and posterior.evaluations < 10_000
+    df, k_T = -10 * apart, np.linspace(-200, -0.5, 400_000)
+    density = norm.pdf(df, k_T * apart, np.sqrt(2) * 0.05 * np.abs(k_T))
+    below = np.cumsum(density) / density.sum()
+    low, middle, high = np.interp([0.025, 0.5, 0.975], below, k_T)
+    told = posterior.estimates["k_T"]
+    # df by the sweeps to 2 %, the ends by a thousand draws to a twentieth of the interval's length
+    assert np.abs(np.array([told.low, told.high]) - (low, high)).max() < 0.07 * (high - low)
+    assert np.median(posterior.draws["k_T"]) == pytest.approx(middle, abs=0.03 * (high - low))
 
 
 def test_where_the_error_is_not_fitted_it_is_said():

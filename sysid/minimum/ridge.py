@@ -1,4 +1,6 @@
-"""Amplitudes at a single frequency: the likelihood is curved along f0, and the covariance follows its ridge.
+"""Ridges of the likelihood that no normal follows: curved ones, and those that fall to one side more slowly.
+
+Amplitudes at a single frequency are curved along f0:
 
     |W| = G V/sqrt(1 + x^2),   x = 2 pi (f - f0) tau
 
@@ -6,6 +8,9 @@ An amplitude at one frequency depends on x^2, and so do G and tau along the ridg
 0 no normal has this shape: there J^T J says nothing about f0, and takes the noise in its derivative for
 information on the other parameters. So the ridge is followed: everything else is fitted anew with f0 held at
 several places, until the cost has risen by DEEP. Each place gives one normal of a mixture.
+
+Two sweeps whose temperatures hardly differ give k_T = df/(dT + what the thermometers are off), which has a
+long tail where the divisor may be small. That ridge is straight, and its places differ in what they weigh.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,6 +21,7 @@ import numpy as np
 from sysid.minimum.images import as_settled
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.prior import Prior
+from sysid.model.span import inverted
 from sysid.model.theta import NAMES
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.rounds import Rounds
@@ -31,7 +37,7 @@ WELL = 5.0  # of the cost: a ridge that rises less than this as far as FAR holds
 CLOSE = 0.1  # of the rise, to which it is found: the distance goes with its root or less, and is known to 5 %
 NARROW = 1.1  # a factor between two distances that are as good as one
 FURTHER, TINY = 8.0, 1e-9  # times as far is looked next; of the furthest, where nobody looks any more
-HELD = 1e-4  # half bandwidths to which f0 is held
+HELD = 1e-4  # half bandwidths to which f0 is held, and standard deviations to which another parameter is
 STEP = 0.5  # standard deviations from place to place on a ridge, and of the normal at each
 DEEP = 12.5  # rise of the cost at which a ridge ends: five standard deviations
 MOST = 40  # places on one side of a minimum
@@ -59,7 +65,7 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
     told = first < VAGUE * state.half_bandwidth
     if not bent(minimiser, state) or (told and not begun):
         return state
-    middle = _held(minimiser, state, state.theta[F0], state.theta)
+    middle = _held(minimiser, state, F0, state.theta[F0], state.theta)
     h, (above, below) = _rises(minimiser, state, middle.cost)
     # On a ridge a step may be long and gain nothing: what is left to gain tells better.
     state = replace(state, converged=state.converged or abs(state.cost - middle.cost) < GAINED)
@@ -72,18 +78,20 @@ def unfolded(minimiser: Minimiser, state: State) -> State:
     return replace(state, covariance=covariance, alone=covariance)
 
 
-def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
-    """The places on the ridges through the minima: states with f0 held, whose covariances reach the
-    neighbouring places."""
-    least = min(s.cost for s in modes)
+def along(minimiser: Minimiser, modes: Sequence[State], name: str) -> list[State]:
+    """The places on the ridges through the minima along a parameter: states with it held, whose covariances
+    reach the neighbouring places."""
+    least, k = min(s.cost for s in modes), NAMES.index(name)
     ridges: list[list[State]] = []
     for mode in modes:
-        if any(ridge[0].theta[F0] <= mode.theta[F0] <= ridge[-1].theta[F0] for ridge in ridges):
+        if any(_near(ridge, mode, k) for ridge in ridges):
             continue
-        middle = _held(minimiser, mode, mode.theta[F0], mode.theta)
-        risen = _rises(minimiser, mode, middle.cost)
-        step = STEP * min(float(np.sqrt(mode.covariance[F0, F0])), 0.5 * risen[0])
-        sides = [_followed(minimiser, mode, sign * step, least) for sign in (-1, 1)]
+        middle = _held(minimiser, mode, k, mode.theta[k], mode.theta)
+        step = float(np.sqrt(mode.covariance[k, k]))
+        if k == F0 and bent(minimiser, mode):
+            step = min(step, 0.5 * _rises(minimiser, mode, middle.cost)[0])
+        step *= STEP
+        sides = [_followed(minimiser, mode, k, sign * step, least) for sign in (-1, 1)]
         places = [*sides[0][::-1], middle, *sides[1]]
         tangents = np.gradient([s.theta for s in places], step, axis=0)
         wide = (s.covariance + step**2 * np.outer(v, v) for s, v in zip(places, tangents, strict=True))
@@ -91,11 +99,18 @@ def along(minimiser: Minimiser, modes: Sequence[State]) -> list[State]:
     return [s for ridge in ridges for s in ridge]
 
 
-def _followed(minimiser: Minimiser, mode: State, step: float, least: float) -> list[State]:
+def _near(ridge: Sequence[State], mode: State, k: int) -> bool:
+    """Whether a minimum is on a ridge along the k-th parameter."""
+    place = min(ridge, key=lambda s: abs(s.theta[k] - mode.theta[k]))
+    off = mode.theta - place.theta
+    return bool(0.5 * off @ inverted(place.covariance) @ off < RISE)
+
+
+def _followed(minimiser: Minimiser, mode: State, k: int, step: float, least: float) -> list[State]:
     """The places on one side of a minimum."""
     places = [mode]
     while len(places) <= MOST and places[-1].cost < least + DEEP:
-        places.append(_held(minimiser, mode, mode.theta[F0] + len(places) * step, places[-1].theta))
+        places.append(_held(minimiser, mode, k, mode.theta[k] + len(places) * step, places[-1].theta))
     return places[1:]
 
 
@@ -104,11 +119,12 @@ def _begun(state: State) -> list[Trial]:
     return [t for t in state.trials if t.begun]
 
 
-def _held(minimiser: Minimiser, mode: State, f0: float, near: np.ndarray) -> State:
-    """The minimum near a theta with f0 held there; it starts from the noise of `mode`, so that costs
-    compare."""
+def _held(minimiser: Minimiser, mode: State, k: int, value: float, near: np.ndarray) -> State:
+    """The minimum near a theta with its k-th parameter held there; it starts from the noise of `mode`, so
+    that costs compare."""
     precision, mean = np.zeros((len(NAMES), len(NAMES))), near.copy()
-    precision[F0, F0], mean[F0] = (HELD * mode.half_bandwidth) ** -2, f0
+    width = mode.half_bandwidth if k == F0 else float(np.sqrt(mode.covariance[k, k]))
+    precision[k, k], mean[k] = (HELD * width) ** -2, value
     both = minimiser.prior.precision + precision
     pull = minimiser.prior.precision @ minimiser.prior.mean + precision @ mean
     prior = Prior(np.linalg.lstsq(both, pull, rcond=None)[0], both)
@@ -128,7 +144,7 @@ def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list
     rise."""
 
     def both(off: float) -> tuple[float, list[np.ndarray]]:
-        sides = [_held(minimiser, mode, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
+        sides = [_held(minimiser, mode, F0, mode.theta[F0] + sign * off, mode.theta) for sign in (1, -1)]
         cost = (min if _begun(mode) else np.mean)([s.cost for s in sides])
         return float(cost) - least, [s.theta for s in sides]
 

@@ -22,12 +22,14 @@ DIFFERENCE = 1e-7
 class Course(NamedTuple):
     """(..., N) the response to the drive, with G unless the log has a gain of its own; unless its points are
     settled, the change with the start and with lateness, each of a unit of its prior; and where the log has a
-    resonance of its own, (...,) by how many degC the plate is warmer than its thermometer says."""
+    resonance of its own, (...,) by how many degC the plate is warmer than its thermometer says, and how many
+    times `Experiment.tied`'s k_T is."""
 
     forced: Leaf
     start: Leaf | None
     late: Leaf | None
     warmer: Leaf | None
+    steeper: Leaf | None
 
 
 def module(array: Leaf) -> ModuleType:
@@ -100,10 +102,11 @@ def _needed(x: Experiment) -> Experiment:
 def _course(theta: Leaf, x: Experiment, layout: Layout) -> Course:
     """Of one log at theta (6,); with numpy of several plants (P, 6), with what `x` has of intervals and rows
     (M, 1) and (N, 1), but for `hold.interval`, each (N, P)."""
-    xp, warmer = module(theta), None
+    xp, warmer, steeper = module(theta), None, None
     if layout.extra:
         at = Theta.of(theta)
         warmer = (x.tied[0] - at.f0 - at.k_T * x.tied[1]) / xp.where(at.k_T == 0, 1.0, at.k_T)
+        steeper = xp.where(x.tied[3] == 0, 1.0, at.k_T / xp.where(x.tied[3] == 0, 1.0, x.tied[3]))
         tied = xp.where(x.tied[2] > 0, x.tied[0] - at.k_T * x.tied[1], at.f0)
         theta = xp.stack(at._replace(f0=tied), axis=-1)
     unit = _unit(theta, x.hold, layout)
@@ -112,9 +115,9 @@ def _course(theta: Leaf, x: Experiment, layout: Layout) -> Course:
     if layout.own_gain and layout.amplitude:  # the size is all there is, beside a floor whose power adds
         forced = xp.sqrt(xp.abs(forced) ** 2 + x.floor)
     if layout.steady:
-        return Course(forced, None, None, warmer)
+        return Course(forced, None, None, warmer, steeper)
     size = xp.where(x.hold.begun[0] > 0, gain, 1.0) if layout.amplitude else 1.0
-    return Course(forced, x.start_free * size * unit.free, -gain * x.lateness * unit.rate, warmer)
+    return Course(forced, x.start_free * size * unit.free, -gain * x.lateness * unit.rate, warmer, steeper)
 
 
 def _unit(theta: Leaf, hold: Hold, layout: Layout) -> Response:

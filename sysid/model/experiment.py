@@ -49,8 +49,9 @@ class Experiment(NamedTuple):
     may have; `start`, `floor`, `late` and `offset` the amplitude log's nu_1 (complex), nu_2, nu_3 and nu_4
     (complex); `alongside` (N,) what moves beside the plate; `start_free` and `offset_free` the priors of
     start and offset over that of the other nuisances, `floor_free` 1, when they are to be found. `extra` (E,
-    N): shapes of the log's own, held at a plate. `tied` (3,): its own resonance where its thermometer's error
-    is fitted, Hz above the reference, its mean warming, degC, and one over that error; zeros elsewhere.
+    N): shapes of the log's own, held at a plate. `tied` (4,): its own resonance where its thermometer's error
+    is fitted, Hz above the reference, its mean warming, degC, one over that error, and the k_T at which the
+    error's shape is held, Hz/degC; zeros elsewhere.
     """
 
     hold: Hold

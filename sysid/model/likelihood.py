@@ -49,6 +49,7 @@ from sysid.model.span import REAL, Span, best_turn, dot
 # rows of an experiment, its last, for the priors of what depends on the plant: start, lateness, and each of
 # `extra`
 OWN = 8
+LEAST = 1e-6  # of the k_T of a shape: a smaller one, and none, is as good as that
 Unexplained = Callable[[np.ndarray], np.ndarray]  # vectors (..., m, N) less what the nuisances can adjust
 
 
@@ -81,13 +82,13 @@ def _pull(warmer: np.ndarray, x: Experiment, layout: Layout) -> np.ndarray:
     """(..., m, N) what the prior of the thermometer's error, the last of the extra shapes, holds against a
     resonance of the log's own: by how much warmer (..., m) the plate is, in standard deviations."""
     row = layout.rows - layout.extra - (0 if layout.steady else 2)
-    return (warmer * x.tied[..., 2:])[..., None] * (np.arange(layout.rows) == row)
+    return (warmer * x.tied[..., 2:3])[..., None] * (np.arange(layout.rows) == row)
 
 
 def _turned(course: Course, x: Experiment, layout: Layout) -> tuple[Residual, Nuisances, Unexplained]:
     """A log whose gain is G, and whose phase is turned by what the demodulator may have done: h and j h are
     two columns, whose coefficients are cos phi and sin phi."""
-    columns = _Columns(() if layout.steady else (course.start, course.late), x, layout)
+    columns = _Columns(() if layout.steady else (course.start, course.late), x, layout, course.steeper)
     white, ahead = _apart(off(whiten(stacked([course.forced, 1j * course.forced]), x), x))
     parts = _apart(columns.off(stacked([x.response, white, ahead])))
     turn = np.where(x.rotated > 0, best_turn(*parts), 1.0)
@@ -108,7 +109,7 @@ def _turned(course: Course, x: Experiment, layout: Layout) -> tuple[Residual, Nu
 
 def _own_gain(course: Course, x: Experiment, layout: Layout) -> tuple[Residual, Nuisances, Unexplained]:
     """A sweep whose drive is not recorded: its gain, complex for d/q rows, is one more nuisance."""
-    columns = _Columns((course.forced,), x, layout)
+    columns = _Columns((course.forced,), x, layout, course.steeper)
     weights, rows = columns.weights(x.response), columns.off(x.response[..., None, :])[..., 0, :]
     at = Nuisances(weights[..., 0])
     found = _found(course, at, rows, columns.volume, weights, x, layout)
@@ -138,7 +139,7 @@ class _Columns(Span):
     prior, off the columns that do not depend on the plant; with complex coefficients or, where these are
     split, with real ones of each and of j times it."""
 
-    def __init__(self, own: Sequence[np.ndarray], x: Experiment, layout: Layout):
+    def __init__(self, own: Sequence[np.ndarray], x: Experiment, layout: Layout, steeper: np.ndarray | None):
         columns = (*own, *np.moveaxis(x.extra, -2, 0))
         made = stacked(columns) if columns else np.zeros((0, layout.rows), complex)
         prior = priors(len(columns), layout)
@@ -146,8 +147,16 @@ class _Columns(Span):
         if self.turns is not None:
             made = (self.turns[..., None] * made[..., None, :]).reshape(*made.shape[:-2], -1, layout.rows)
             prior = (np.array([[1.0], [1j]]) * prior[:, None]).reshape(-1, layout.rows)
-        held = whiten(made, x) + x.tightness[..., None, None] * prior
+        held = whiten(made, x)
+        if steeper is None:
+            held = held + x.tightness[..., None, None] * prior
+        else:  # the last, and both its numbers
+            scale = np.maximum(np.abs(steeper), LEAST)[..., None, None]
+            last = np.arange(len(prior))[:, None] >= len(prior) - (2 if layout.split else 1)
+            held = held + x.tightness[..., None, None] * prior / np.where(last, scale, 1.0)
         super().__init__(off(off(held, x), x), real=layout.split)  # twice is enough
+        if steeper is not None:  # of a prior whose width goes with k_T, its own determinant
+            self.volume = self.volume + 2 * np.log(scale[..., 0, 0])
 
     def weights(self, v: np.ndarray) -> np.ndarray:
         """(..., K) complex coefficients of the columns in `v` (..., N)."""

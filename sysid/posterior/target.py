@@ -22,6 +22,8 @@ from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import limits
 
 QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
+LINE = np.linspace(-5, 5, 11)  # standard deviations, at which a ridge is compared with a normal
+WASTE = 1.2  # draws for an effective one from which a ridge is followed: of a normal it is 1.01
 
 
 class Target:
@@ -102,12 +104,30 @@ class Target:
 
     @cached_property
     def _places(self) -> Sequence[State]:
-        """The minima; on ridges that are bent, the places along them."""
+        """The minima; where no normal follows a ridge through them, the places along it."""
         fit = self.fit
         minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
-        return (
-            along(minimiser, fit.modes) if "f0" in self.names and bent(minimiser, fit.modes[0]) else fit.modes
-        )
+        curved = "f0" in self.names and bent(minimiser, fit.modes[0])
+        ridge = "f0" if curved else self._slow()
+        return fit.modes if ridge is None else along(minimiser, fit.modes, ridge)
+
+    def _slow(self) -> str | None:
+        """The parameter along which a chain that proposes from the normal about the best minimum would take
+        the most draws for an effective one, if it takes more than WASTE. With p the density and q the
+        proposal along theta's line of that parameter, the others at their means given it, these are
+
+            int p^2/q int q / (int p)^2
+        """
+        best, p = self.fit.modes[0], len(self.index)
+        covariance = best.covariance[np.ix_(self.index, self.index)]
+        lines = np.linalg.solve(self.triangle, covariance / np.sqrt(np.diag(covariance))).T  # (parameters, p)
+        z = LINE[:, None] * lines[:, None]
+        density = self(z.reshape(-1, p)).reshape(p, -1)
+        proposed = self._about([best]).heavy().log_density(z.reshape(-1, p)).reshape(p, -1)
+        shown, drawn = (np.exp(v - v.max(axis=1, keepdims=True)) for v in (density, proposed))
+        draws = np.sum(shown**2 / drawn, axis=1) * np.sum(drawn, axis=1) / np.sum(shown, axis=1) ** 2
+        worst = int(np.argmax(draws))
+        return self.names[worst] if draws[worst] > WASTE else None
 
     def normal(self) -> Mixture:
         """The normal approximation about each minimum, or along each ridge."""
@@ -124,7 +144,9 @@ class Target:
             np.linalg.solve(self.triangle, np.linalg.cholesky(s.covariance[np.ix_(index, index)]))
             for s in places
         ]
-        weights = shares(places) + 0.02 / len(places)  # one that is next to nothing is proposed too
+        weights = shares(places)
+        if places is self.fit.modes:
+            weights = weights + 0.02 / len(places)  # one that is next to nothing is proposed too
         return Mixture(np.array(centres), np.array(scales), weights / weights.sum())
 
     def __call__(self, z: np.ndarray) -> np.ndarray:

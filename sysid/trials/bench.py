@@ -29,6 +29,7 @@ class Bench:
     floor_free: bool = True  # until the data want it below zero
     late: float = 0.0  # s, by which the response is late
     resonance: float | None = None  # Hz above the reference, its own where the thermometer's error is fitted
+    k_T: float = 0.0  # Hz/degC, at which the shape of that error is
     under: np.ndarray | None = field(default=None, repr=False)  # (n,) what one unit of floor adds to a sweep
     narrow: dict[str, float] = field(default_factory=dict)  # std of priors that are narrower than usual
     # what else may have been done to the log, at the present plate

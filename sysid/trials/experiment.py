@@ -122,12 +122,12 @@ def _experiment(
 
 
 def _tied(trial: Trial, hold: Hold) -> np.ndarray:
-    """The log's own resonance (Hz), its mean warming (degC), and one over the error of its thermometer; zeros
-    if it has none."""
+    """The log's own resonance (Hz), its mean warming (degC), one over the error of its thermometer, and k_T
+    (Hz/degC) at the shape of that error; zeros if it has none."""
     if not (trial.tied and "thermometer" in trial.bench.extra):
-        return np.zeros(3)
+        return np.zeros(4)
     known = 1 / trial.bench.extra["thermometer"].prior
-    return np.array([trial.bench.resonance, np.mean(hold.warming[hold.interval]), known])
+    return np.array([trial.bench.resonance, np.mean(hold.warming[hold.interval]), known, trial.bench.k_T])
 
 
 def _pad_rows(basis: np.ndarray, rows: int, columns: int) -> np.ndarray:

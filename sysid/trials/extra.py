@@ -62,7 +62,7 @@ def renewed(new: Trial, course: LogResponse, numbers: np.ndarray) -> Trial:
         if trial.tied:
             size = k_T * trial.bench.extra["thermometer"].prior / trial.looseness
             more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
-        new = new.with_bench(resonance=own + float(np.clip(more, -most, most)))
+        new = new.with_bench(resonance=own + float(np.clip(more, -most, most)), k_T=k_T)
         course = replace(course, trial=new)
     return new.with_bench(extra=asked(new, course, (new.bench.start, -new.bench.late)))
 
