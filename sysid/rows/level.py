@@ -49,21 +49,36 @@ def _followed(log: Log, level: np.ndarray) -> bool:
 
 
 def _levels(values: np.ndarray | None, most: float) -> np.ndarray | None:
-    """(n,) the mean of each stretch between jumps; the values themselves where they vary more within a
-    stretch than they flicker from row to row, or flicker by more than `most` of the largest."""
+    """(n,) the mean of each stretch between jumps, and where these are many, of stretches that are alike; the
+    values themselves where they vary more within a stretch than they flicker from row to row, or flicker by
+    more than `most` of the largest."""
     if values is None:
         return None
     moves = np.abs(np.diff(values))
     usual = float(np.median(moves)) if len(moves) >= BLOCKS[0] else 0.0
-    begins = np.append(0, np.flatnonzero(moves > JUMP * usual) + 1)
-    if usual == 0 or len(begins) > min(MOST, len(values)) // 16:
+    if usual == 0:
         return values
-    level = np.repeat(mean(values, begins), np.diff(np.append(begins, len(values))))
+    begins, few = np.append(0, np.flatnonzero(moves > JUMP * usual) + 1), min(MOST, len(values)) // 16
+    which = np.repeat(np.arange(len(begins)), np.diff(np.append(begins, len(values))))
+    if len(begins) > few:
+        which = _alike(mean(values, begins), usual)[which]
+    if which.max() >= few:
+        return values
+    level = (np.bincount(which, values) / np.bincount(which))[which]
     return (
         level
         if usual <= most * np.max(np.abs(level)) and _independent(values - level, STEADY * usual)
         else values
     )
+
+
+def _alike(means: np.ndarray, usual: float) -> np.ndarray:
+    """(m,) to which level each of the means belongs: between two levels is a gap that is wider than a usual
+    move."""
+    order = np.argsort(means)
+    found = np.empty(len(means), int)
+    found[order] = np.append(0, np.cumsum(np.diff(means[order]) > usual))
+    return found
 
 
 def _independent(values: np.ndarray, most: float) -> bool:
