@@ -35,7 +35,7 @@ verdict    result finding identify low_pass wording recorder unexplained flank f
            sensor_delay differing term firstorder timing between throughout terms linear averaged misfit amplitude_offset
            inconsistent_log conjugate_phase conclusion ownership decay bench comparison
 reading
-adoption   description candidates point search adopt
+adoption   description candidates point profile search adopt
 fitting
 posterior  accuracy diagnostics estimate mixture foreseen planning surrogate target chain circuit posterior
            prediction change each

@@ -53,15 +53,15 @@ def said(fit):
 
 
 def told(fit, off=4.5):
-    """Whether the lean is fitted, with a right plate, or named."""
+    """Whether the lean is fitted or spanned by the errors, with a right plate, or named."""
     if fit.result.name != "successful":
         return bool(said(fit))
     truth = {"G": PLANT.G, "tau": PLANT.tau, "f0": PLANT.f0}
     near = all(abs(fit.parameters[n].value - v) < off * fit.parameters[n].std for n, v in truth.items())
-    return near and [f.key for f in fit.findings if f.outcome == "fitted"] == ["duffing"]
+    return near and [f.key for f in fit.findings if f.outcome in ("fitted", "widened")] == ["duffing"]
 
 
-@pytest.mark.study  # from twice that on it is fitted, in every run
+@pytest.mark.study  # from twice that on it is fitted in every one
 @seeds(5, 20)
 def test_a_peak_that_leans_by_a_few_hundredths_of_a_half_bandwidth_is_named_or_fitted(seeds):
     """f0 is off by 5 to 9 of its errors then, and noise hides how: without a word it was, and successful, in

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from conftest import sampled, seeds, study
+from conftest import most, sampled, seeds, study
 from scipy.integrate import solve_ivp
 from scipy.signal import lfilter, lombscargle
 from scipy.special import wofz
@@ -780,3 +780,40 @@ def test_peaks_of_a_periodogram_are_where_it_is_computed_frequency_by_frequency(
         # a step of either, and what noise moves a peak by, which is less
         assert abs(found - rates[np.argmax(power)]) < 1.01 * np.pi / FINER
         assert abs(found - 2 * np.pi * turns) < 2 * np.pi / FINER
+
+
+def exactly_settled(f):
+    """c - m omega^2 over omega d s."""
+    return F0 / f / (1 - 1j * (F0**2 - f**2) * np.pi * TAU / f)
+
+
+@pytest.mark.parametrize("share", [-0.03, study(0.03)])
+@seeds(2, 12)
+def test_a_feedthrough_in_phase_under_an_amplitude_leaves_two_gains(seeds, share):
+    """|h + c|^2 is the same with 1 + 2 c times the gain and -c: by one of them G was 31 errors off."""
+    f = F0 + HALF * np.linspace(-6, 6, 81)
+    for seed in seeds:
+        y = noisy(np.random.default_rng(seed), exactly_settled(f) + share, 1e-3)
+        found = sysid.fit(swept(None, f, np.abs(y)), nuisances=(*NUISANCES, "feedthrough"))
+        gain, number = found.parameters["G"], found.findings[0].numbers["in_phase"]
+        assert abs(abs(number.value) - abs(share)) < 0.2 * abs(share) < number.std
+        assert abs(gain.value - 1) < 2 * gain.std and abs(share) < gain.std < 2 * abs(share)
+        assert abs(found.parameters["tau"].value / TAU - 1) < 0.005
+
+
+@pytest.mark.parametrize("share", [0.0, study(0.005)])
+@seeds(4, 40)
+def test_what_lies_in_phase_under_an_amplitude_is_known_by_its_square(seeds, share):
+    """Of a capacitance whose losses are next to none: to first order the error of that part goes with one over
+    itself, and G was known 10 times better, or worse, than it is."""
+    f = F0 + HALF * np.linspace(-6, 6, 81)
+    z, stds = [], []
+    for seed in seeds:
+        y = noisy(np.random.default_rng(seed), exactly_settled(f) + share + 0.03j, 2e-3)
+        found = sysid.fit(swept(None, f, np.abs(y)), nuisances=(*NUISANCES, "feedthrough"))
+        gain = found.parameters["G"]
+        z.append((gain.value - 1) / gain.std)
+        stds.append(gain.std)
+    assert np.max(np.abs(z)) < 3 and np.sqrt(np.mean(np.square(z))) < most(seeds)
+    # c lies within the root of c^2 + 2 s, with s the error of c^2, which may be found 3 s too high or too low
+    assert max(stds) < 6 * min(stds) and np.median(stds) < 0.02

@@ -31,7 +31,7 @@ def log(seed, detuning=0.0):
 @pytest.mark.parametrize("at", [1e-4, 0.02, 0.7, 5.0])
 def test_where_a_cost_has_risen(power, at):
     looked = []
-    off, _ = ridge._risen(lambda x: (looked.append(x) or ridge.RISE * (x / at) ** power, []), 0.02, 8.0)
+    off, _ = ridge.risen(lambda x: (looked.append(x) or ridge.RISE * (x / at) ** power, []), 0.02, 8.0)
     assert off == pytest.approx(at, rel=0.11) and len(looked) < 12  # a tenth of the rise, or a factor of 1.1
 
 
@@ -47,7 +47,7 @@ def test_where_a_cost_has_risen(power, at):
     ],
 )
 def test_a_cost_that_jumps_ends_the_search(cost, ends):
-    off, _ = ridge._risen(lambda x: (cost(x), []), 0.02, 8.0)
+    off, _ = ridge.risen(lambda x: (cost(x), []), 0.02, 8.0)
     assert off == pytest.approx(ends, rel=0.11, abs=1e-7)
 
 

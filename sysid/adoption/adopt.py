@@ -17,7 +17,7 @@ nothing is much likelier, is named, and so are effects of two kinds in one log. 
 explains nothing is refuted: the first order's name for it is no cause.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import NamedTuple
@@ -181,11 +181,16 @@ class _Adoption:
                 return done  # one may stand for several, which are then looked for beside it
             if done.sense:
                 near = best.evidence - NEARLY
+                images = [d for d in self.search.images(best, ends, self.count) if d.sense]
                 alike = [d for d in ends if d is not best and d.sense and near < d.evidence <= best.evidence]
+                alike += images
                 others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
                 del others[best.instances[-1].effect.name]
                 return done._replace(
-                    dispersion=done.dispersion + _between(done, alike) + self._open(done),
+                    covariance=done.covariance + _between(done, images, lambda d: d.numbers),
+                    dispersion=done.dispersion
+                    + _between(done, alike, lambda d: d.state.theta)
+                    + self._open(done),
                     nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
                     rough=any(map(_rough, (best, *alike))),
                     rival=max(others.values(), default=-np.inf),
@@ -349,12 +354,11 @@ def _spanning(named: Description, last: Description) -> Description:
     return named._replace(dispersion=named.dispersion + np.outer(away, away) + np.diag(each**2))
 
 
-def _between(best: Description, alike: Sequence[Description]) -> np.ndarray:
-    """(6, 6) what descriptions that are nearly as likely add to the covariance about the best, by their share
-    of the evidence."""
+def _between(
+    best: Description, alike: Sequence[Description], of: Callable[[Description], np.ndarray]
+) -> np.ndarray:
+    """(n, n) what descriptions that are nearly as likely add to the covariance about the best, by their share
+    of the evidence: `of` what of each."""
     weights = np.exp([a.evidence - best.evidence for a in alike])
-    found = np.zeros((len(NAMES), len(NAMES)))
-    for weight, other in zip(weights, alike, strict=True):
-        away = other.state.theta - best.state.theta
-        found += weight / (1 + np.sum(weights)) * np.outer(away, away)
-    return found
+    away = np.array([of(a) - of(best) for a in alike]).reshape(len(alike), len(of(best)))
+    return (weights / (1 + np.sum(weights)) * away.T) @ away

@@ -15,6 +15,8 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from sysid.adoption.description import Description, Group
 from sysid.adoption.point import LEVEL, NEAR, Point, Points, fed
+from sysid.adoption.profile import profiled
+from sysid.minimum.minimise import State
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, freedom
 
@@ -163,6 +165,24 @@ class Search:
                 kept.append(p)
         return kept
 
+    def images(self, best: Description, ends: Sequence[Description], count: int) -> list[Description]:
+        """Others of the same effects, beside another plate, that are nearly as likely as the best and none of
+        its `ends`: where the logs do not know the sign of a number, as of what lies in phase under an
+        amplitude."""
+        known = [d.state for d in ends if d.instances == best.instances]
+        most = self.points.cost(best.instances, best.numbers, best.state) + NEARLY
+        found: list[Description] = []
+        if best.event:
+            return found
+        for k in np.flatnonzero(np.abs(best.numbers) > np.sqrt(np.diag(best.covariance))):
+            numbers = np.where(np.arange(len(best.numbers)) == k, -1.0, 1.0) * best.numbers
+            there = self.points.at(best.instances, numbers, best.state)
+            there = self.followed(there, STEPS) if there.cost < most + WITHIN else there
+            if there.cost < most and all(_apart(there.state, state) for state in known):
+                known.append(there.state)
+                found.append(self.ended(there, count))
+        return found
+
     def plausible(self, point: Point) -> bool:
         """Whether all numbers would be those of their effects if they were known exactly: two modes may have
         changed places."""
@@ -217,11 +237,11 @@ class Search:
     def finished(self, found: Description) -> Description:
         """The description with the noise that it leaves, whatever its colour."""
         point = self.points.in_colour(found.instances, found.numbers, found.state)
-        step, covariance, dispersion, *_ = self.points.looked(point, True)
+        look = self.points.looked(point, True)
         for _ in range(ROUNDS):
-            if _ends(step, covariance):
+            if _ends(look.step, look.covariance):
                 break
-            numbers = point.numbers + step
+            numbers = point.numbers + look.step
             anew = zip(
                 self.points.applied(point.instances, numbers, point.state), point.state.trials, strict=True
             )
@@ -229,10 +249,11 @@ class Search:
             new = self.points.in_colour(found.instances, numbers, point.state, trials)
             if not new.cost < point.cost:
                 break
-            point = new
-            step, covariance, dispersion, *_ = self.points.looked(point, True)
+            point, look = new, self.points.looked(new, True)
+        if not found.event:  # when it happened a log follows in steps
+            look = profiled(self.points, point, look)
         done = found._replace(
-            state=point.state, numbers=point.numbers, covariance=covariance, dispersion=dispersion
+            state=point.state, numbers=point.numbers, covariance=look.covariance, dispersion=look.dispersion
         )
         return done._replace(sense=self.make_sense(done))
 
@@ -264,6 +285,12 @@ def _worth(rows: np.ndarray, alike: np.ndarray, dof: float, channels: int) -> fl
     ratio = float(np.sum(rows**2) / max(np.sum(own**2), 1e-300))
     volume = channels * float(np.sum(np.log(np.diag(factor))))
     return 0.5 * dof * float(np.log(max(ratio, 1e-300))) - volume
+
+
+def _apart(a: State, b: State) -> bool:
+    """Whether two plates differ by more than matters."""
+    std = np.sqrt(np.diag(b.covariance))
+    return bool(np.any(np.abs(a.theta - b.theta) > NEAR * std + np.finfo(float).eps))
 
 
 def _likely(tried: Sequence[Group]) -> list[Group]:

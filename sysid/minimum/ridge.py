@@ -151,10 +151,10 @@ def _rises(minimiser: Minimiser, mode: State, least: float) -> tuple[float, list
     far = FAR * mode.half_bandwidth
     if _begun(mode) and (furthest := both(far))[0] < WELL:
         return far, furthest[1]
-    return _risen(both, NEAR * mode.half_bandwidth, far)
+    return risen(both, NEAR * mode.half_bandwidth, far)
 
 
-def _risen(
+def risen(
     cost: Callable[[float], tuple[float, list[np.ndarray]]], off: float, far: float
 ) -> tuple[float, list[np.ndarray]]:
     """The distance at which a `cost` has risen by RISE, at most `far`, looked for from `off` on; and what

@@ -1,0 +1,118 @@
+"""Errors of effects' numbers whose likelihood is no normal's: as of what lies in phase under an amplitude,
+
+    |h + c|^2 = |h|^2 + 2 Re(h* c) + |c|^2,
+
+whose second term looks like a gain, so that the third tells Re c, and near zero not even its sign. Along such
+a number all else is fitted anew at several places, and the errors are the moments of these about the best.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sysid.adoption.point import Looked, Point, Points
+from sysid.minimum.ridge import DEEP, MOST, RISE, STEP, risen
+from sysid.trials.rounds import Rounds
+
+NORMAL = 1.5  # of a rise, a factor by which that of a normal may be missed: its error is then 22 % off
+FURTHEST = 5.0  # prior standard deviations
+AWAY = 2.0  # standard deviations, at which a normal rises by RISE
+
+
+class _Place(NamedTuple):
+    """A point with one number held, how far that is off, and what is seen from there."""
+
+    off: float
+    point: Point
+    look: Looked
+
+    @property
+    def evidence(self) -> float:
+        """Log of the posterior mass about it."""
+        return self.point.state.evidence + self.point.state.cost - self.point.cost
+
+
+def profiled(points: Points, point: Point, look: Looked) -> Looked:
+    """What is seen from an optimum, with the errors of its numbers, and of the plant by these, as
+    wide as the likelihood is along the one that is least a normal's, if any is none."""
+    lines = [_Line(points, point, look, j) for j, v in enumerate(np.diag(look.covariance)) if v > 0]
+    worst = max(lines, key=lambda line: line.missed, default=None)
+    return look if worst is None or worst.missed < NORMAL else worst.widened()
+
+
+class _Line:
+    """Places along one number of an optimum, `j`, whose standard deviation is `std` to first order."""
+
+    def __init__(self, points: Points, point: Point, look: Looked, j: int):
+        self.points, self.noisy, self.j = points, point.state.trials, j
+        self.std = float(np.sqrt(max(look.covariance[j, j], 0.0)))
+        self.far = FURTHEST * float(points.stds(point.instances)[j])
+        self.middle = _Place(0.0, point, look)
+
+    def rise(self, place: _Place) -> float:
+        """Of the cost, from the optimum."""
+        return place.point.cost - self.middle.point.cost
+
+    @cached_property
+    def missed(self) -> float:
+        """The factor by which the cost rises more, or less, than a normal's to either side."""
+        rises = [self.rise(self.at(sign * AWAY * self.std, self.middle)) / RISE for sign in (1, -1)]
+        return max(np.inf if not rise > 0 else max(rise, 1 / rise) for rise in rises)
+
+    def widened(self) -> Looked:
+        """What is seen, with this number's part of both covariances by its moments over places along it."""
+
+        def both(off: float) -> tuple[float, list[np.ndarray]]:
+            return float(np.mean([self.rise(self.at(sign * off, self.middle)) for sign in (1, -1)])), []
+
+        step = 0.5 * STEP * risen(both, AWAY * self.std, self.far)[0]
+        places = [self.middle, *self.side(step), *self.side(-step)]
+        evidence = np.array([p.evidence for p in places])
+        weights = np.exp(evidence - evidence.max())
+        weights /= weights.sum()
+        numbers = np.array([p.point.numbers for p in places]) - self.middle.point.numbers
+        thetas = np.array([p.point.state.theta for p in places]) - self.middle.point.state.theta
+        look = self.middle.look
+        own = look.covariance[:, self.j] / self.std
+        move = look.along @ own
+        return look._replace(
+            covariance=look.covariance - np.outer(own, own) + (weights * numbers.T) @ numbers,
+            dispersion=look.dispersion - np.outer(move, move) + (weights * thetas.T) @ thetas,
+        )
+
+    def side(self, step: float) -> list[_Place]:
+        """The places to one side, as far as they hold any of the posterior."""
+        places = [self.middle]
+        while len(places) <= MOST and self.rise(places[-1]) < DEEP and abs(places[-1].off) < self.far:
+            places.append(self.at(places[-1].off + step, places[-1]))
+        return places[1:]
+
+    def seen(self, off: float, point: Point) -> _Place:
+        """A place, by its point."""
+        return _Place(off, point, self.points.looked(point, True))
+
+    def at(self, off: float, near: _Place) -> _Place:
+        """The place so far off, found from another: the other numbers are first where that one foresees
+        them, and then a step further on."""
+        covariance = near.look.covariance
+        there = self.refined(near, (off - near.off) * covariance[:, self.j] / covariance[self.j, self.j])
+        place = self.seen(off, there)
+        others = np.delete(np.arange(len(covariance)), self.j)
+        if not len(others):
+            return place
+        information = np.linalg.inv(place.look.covariance)
+        step = np.zeros(len(covariance))
+        score = (information @ place.look.step)[others]
+        step[others] = np.linalg.solve(information[np.ix_(others, others)], score)
+        further = self.seen(off, self.refined(place, step))
+        return further if further.point.cost < place.point.cost else place
+
+    def refined(self, near: _Place, step: np.ndarray) -> Point:
+        """The point a step of the numbers away, in the noise of the one that is near; so costs compare."""
+        point, numbers = near.point, near.point.numbers + step
+        read = self.points.applied(point.instances, numbers, point.state)
+        trials = tuple(t.in_noise(old.noise) for t, old in zip(read, self.noisy, strict=True))
+        theta = self.points.minimiser.onward(point.state.theta, near.look.along @ step)
+        state = self.points.minimiser.refine(trials, theta, Rounds(1))
+        return Point(point.instances, numbers, state, self.points.cost(point.instances, numbers, state))
