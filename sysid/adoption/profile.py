@@ -56,8 +56,11 @@ class _Line:
 
     @cached_property
     def missed(self) -> float:
-        """The factor by which the cost rises more, or less, than a normal's to either side."""
-        rises = [self.rise(self.at(sign * AWAY * self.std, self.middle)) / RISE for sign in (1, -1)]
+        """The factor by which the cost rises more, or less, than a normal's to either side, the other numbers
+        as they are foreseen."""
+        away = AWAY * self.middle.look.covariance[:, self.j] / self.std
+        costs = [self.refined(self.middle, sign * away).cost for sign in (1, -1)]
+        rises = [(cost - self.middle.point.cost) / RISE for cost in costs]
         return max(np.inf if not rise > 0 else max(rise, 1 / rise) for rise in rises)
 
     def widened(self) -> Looked:

@@ -6,7 +6,8 @@ adjust, the log alone is best described, to first order, by
     theta_own - theta = C J^T r,    C = (J^T J)^-1
 
 over those of ln G, ln tau and f0 that it tells; f0 is that at the log's own temperature. The joint estimate
-holds the log too, so that the variance of the difference is C less the joint one, V."""
+holds the log too, so that the variance of the difference is C less the joint one, V, without what that spans
+besides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -60,7 +61,7 @@ def own_estimates(fit: Fit) -> tuple[Own, ...]:
 
 def _own(fit: Fit, views: Sequence[LinearisedLog]) -> list[Own]:
     names = [n for n in OWN if n in fit.names]
-    index, joint = [NAMES.index(n) for n in names], fit.modes[0].spread
+    index, joint = [NAMES.index(n) for n in names], fit.modes[0].covariance
     shares = [
         np.sqrt(v.trial.noise.told) for v in views
     ]  # of outliers, and noise of the phase, rows say less than weights do
