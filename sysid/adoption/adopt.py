@@ -124,7 +124,7 @@ class _Adoption:
             wrong, ahead = misfitting(best.state, left.found), self.ahead(best) if best.sense else -np.inf
             way = way._replace(last=best) if best.sense else way
             if ahead > 0 and best.white and best.state.converged and not wrong:
-                return way._replace(adopted=best)
+                return way._replace(adopted=self.search.profiled(best))
             # what happened to a log for a while is no cause of what others show
             elsewhere = best.event and not wrong <= best.where
             cause = not wrong or (self.cause(best) and not elsewhere)
@@ -194,6 +194,9 @@ class _Adoption:
                     nearly=tuple(name for name, evidence in reversed(others.items()) if evidence > near),
                     rough=any(map(_rough, (best, *alike))),
                     rival=max(others.values(), default=-np.inf),
+                    mirrored=frozenset(
+                        k for d in images for k in np.flatnonzero(d.numbers * best.numbers < 0).tolist()
+                    ),
                 )
         return None
 

@@ -35,7 +35,7 @@ class Description(NamedTuple):
     and these numbers' covariance; what the plant's covariance (6, 6) grows by; its log evidence over that of
     the plant alone; what is known of the logs beforehand; whether its numbers are those of the effects; the
     names of others that are nearly as likely, whether the law of one of them, or of its own, is not known
-    well, and the evidence of the likeliest other."""
+    well, the evidence of the likeliest other, and of which numbers the sign is not known."""
 
     instances: tuple[Instance, ...]
     numbers: np.ndarray
@@ -49,6 +49,7 @@ class Description(NamedTuple):
     nearly: tuple[str, ...] = ()
     rough: bool = False
     rival: float = -np.inf
+    mirrored: frozenset[int] = frozenset()
 
     @property
     def where(self) -> set[int]:

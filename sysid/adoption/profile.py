@@ -6,6 +6,7 @@ whose second term looks like a gain, so that the third tells Re c, and near zero
 a number all else is fitted anew at several places, and the errors are the moments of these about the best.
 """
 
+from collections.abc import Collection
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from sysid.adoption.point import Looked, Point, Points
 from sysid.minimum.ridge import DEEP, MOST, RISE, STEP, risen
 from sysid.trials.rounds import Rounds
+from sysid.trials.whitening import Noise
 
 NORMAL = 1.5  # of a rise, a factor by which that of a normal may be missed: its error is then 22 % off
 FURTHEST = 5.0  # prior standard deviations
@@ -33,22 +35,45 @@ class _Place(NamedTuple):
         return self.point.state.evidence + self.point.state.cost - self.point.cost
 
 
-def profiled(points: Points, point: Point, look: Looked) -> Looked:
-    """What is seen from an optimum, with the errors of its numbers, and of the plant by these, as
-    wide as the likelihood is along the one that is least a normal's, if any is none."""
-    lines = [_Line(points, point, look, j) for j, v in enumerate(np.diag(look.covariance)) if v > 0]
+def profiled(points: Points, point: Point, look: Looked, mirrored: Collection[int]) -> Looked:
+    """What is seen from an optimum, with the errors of its numbers, and of the plant by these, as wide as the
+    likelihood is along the one that is least a normal's, if any is none. Of those that are `mirrored` there
+    is an optimum of the other sign, as far as which nothing is followed."""
+    near = _Near(points, tuple(t.noise for t in point.state.trials))
+    middle = _Place(0.0, near.at(point, look, np.zeros(len(point.numbers))), look)
+    lines = [
+        _Line(near, middle, j, j in mirrored)
+        for j in range(len(look.covariance))
+        if look.covariance[j, j] > 0
+    ]
     worst = max(lines, key=lambda line: line.missed, default=None)
     return look if worst is None or worst.missed < NORMAL else worst.widened()
 
 
-class _Line:
-    """Places along one number of an optimum, `j`, whose standard deviation is `std` to first order."""
+class _Near(NamedTuple):
+    """Points near others, in one noise of each log: so costs compare."""
 
-    def __init__(self, points: Points, point: Point, look: Looked, j: int):
-        self.points, self.noisy, self.j = points, point.state.trials, j
-        self.std = float(np.sqrt(max(look.covariance[j, j], 0.0)))
-        self.far = FURTHEST * float(points.stds(point.instances)[j])
-        self.middle = _Place(0.0, point, look)
+    points: Points
+    noise: tuple[Noise, ...]
+
+    def at(self, point: Point, look: Looked, step: np.ndarray) -> Point:
+        """The point a step of the numbers away from another."""
+        numbers = point.numbers + step
+        read = self.points.applied(point.instances, numbers, point.state)
+        trials = tuple(t.in_noise(noise) for t, noise in zip(read, self.noise, strict=True))
+        theta = self.points.minimiser.onward(point.state.theta, look.along @ step)
+        state = self.points.minimiser.refine(trials, theta, Rounds(1))
+        return Point(point.instances, numbers, state, self.points.cost(point.instances, numbers, state))
+
+
+class _Line:
+    """Places along one number of an optimum, `j`, whose standard deviation is `std` to first order; to where
+    it changes its sign if it is `mirrored`."""
+
+    def __init__(self, near: _Near, middle: _Place, j: int, mirrored: bool):
+        self.near, self.middle, self.j, self.mirrored = near, middle, j, mirrored
+        self.std = float(np.sqrt(middle.look.covariance[j, j]))
+        self.far = FURTHEST * float(near.points.stds(middle.point.instances)[j])
 
     def rise(self, place: _Place) -> float:
         """Of the cost, from the optimum."""
@@ -59,7 +84,7 @@ class _Line:
         """The factor by which the cost rises more, or less, than a normal's to either side, the other numbers
         as they are foreseen."""
         away = AWAY * self.middle.look.covariance[:, self.j] / self.std
-        costs = [self.refined(self.middle, sign * away).cost for sign in (1, -1)]
+        costs = [self.near.at(self.middle.point, self.middle.look, sign * away).cost for sign in (1, -1)]
         rises = [(cost - self.middle.point.cost) / RISE for cost in costs]
         return max(np.inf if not rise > 0 else max(rise, 1 / rise) for rise in rises)
 
@@ -89,18 +114,16 @@ class _Line:
         places = [self.middle]
         while len(places) <= MOST and self.rise(places[-1]) < DEEP and abs(places[-1].off) < self.far:
             places.append(self.at(places[-1].off + step, places[-1]))
+            if self.mirrored and places[-1].point.numbers[self.j] * self.middle.point.numbers[self.j] < 0:
+                break
         return places[1:]
 
-    def seen(self, off: float, point: Point) -> _Place:
-        """A place, by its point."""
-        return _Place(off, point, self.points.looked(point, True))
-
-    def at(self, off: float, near: _Place) -> _Place:
+    def at(self, off: float, begin: _Place) -> _Place:
         """The place so far off, found from another: the other numbers are first where that one foresees
         them, and then a step further on."""
-        covariance = near.look.covariance
-        there = self.refined(near, (off - near.off) * covariance[:, self.j] / covariance[self.j, self.j])
-        place = self.seen(off, there)
+        covariance = begin.look.covariance
+        way = covariance[:, self.j] / covariance[self.j, self.j]
+        place = self.seen(off, self.near.at(begin.point, begin.look, (off - begin.off) * way))
         others = np.delete(np.arange(len(covariance)), self.j)
         if not len(others):
             return place
@@ -108,14 +131,9 @@ class _Line:
         step = np.zeros(len(covariance))
         score = (information @ place.look.step)[others]
         step[others] = np.linalg.solve(information[np.ix_(others, others)], score)
-        further = self.seen(off, self.refined(place, step))
+        further = self.seen(off, self.near.at(place.point, place.look, step))
         return further if further.point.cost < place.point.cost else place
 
-    def refined(self, near: _Place, step: np.ndarray) -> Point:
-        """The point a step of the numbers away, in the noise of the one that is near; so costs compare."""
-        point, numbers = near.point, near.point.numbers + step
-        read = self.points.applied(point.instances, numbers, point.state)
-        trials = tuple(t.in_noise(old.noise) for t, old in zip(read, self.noisy, strict=True))
-        theta = self.points.minimiser.onward(point.state.theta, near.look.along @ step)
-        state = self.points.minimiser.refine(trials, theta, Rounds(1))
-        return Point(point.instances, numbers, state, self.points.cost(point.instances, numbers, state))
+    def seen(self, off: float, point: Point) -> _Place:
+        """A place, by its point."""
+        return _Place(off, point, self.near.points.looked(point, True))

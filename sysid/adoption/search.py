@@ -250,12 +250,22 @@ class Search:
             if not new.cost < point.cost:
                 break
             point, look = new, self.points.looked(new, True)
-        if not found.event:  # when it happened a log follows in steps
-            look = profiled(self.points, point, look)
         done = found._replace(
             state=point.state, numbers=point.numbers, covariance=look.covariance, dispersion=look.dispersion
         )
         return done._replace(sense=self.make_sense(done))
+
+    def profiled(self, found: Description) -> Description:
+        """The description with errors that follow the likelihood where it is no normal's."""
+        if found.event:  # when it happened a log follows in steps
+            return found
+        point = Point(found.instances, found.numbers, found.state, np.nan)
+        look = self.points.looked(point, True)
+        wide = profiled(self.points, point, look, found.mirrored)
+        return found._replace(
+            covariance=found.covariance + wide.covariance - look.covariance,
+            dispersion=found.dispersion + wide.dispersion - look.dispersion,
+        )
 
 
 def _coloured(point: Point, points: Points) -> float:
