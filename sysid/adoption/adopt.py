@@ -124,7 +124,8 @@ class _Adoption:
             wrong, ahead = misfitting(best.state, left.found), self.ahead(best) if best.sense else -np.inf
             way = way._replace(last=best) if best.sense else way
             if ahead > 0 and best.white and best.state.converged and not wrong:
-                return way._replace(adopted=self.search.profiled(best))
+                named = best.rough or _entangled(best)
+                return way._replace(adopted=best if named else self.search.profiled(best))
             # what happened to a log for a while is no cause of what others show
             elsewhere = best.event and not wrong <= best.where
             cause = not wrong or (self.cause(best) and not elsewhere)

@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.adoption.point import Looked, Point, Points
+from sysid.adoption.point import NEAR, SETTLED, Looked, Point, Points
 from sysid.minimum.ridge import DEEP, MOST, RISE, STEP, risen
 from sysid.trials.rounds import Rounds
 from sysid.trials.whitening import Noise
 
+JUMP = 0.01  # standard deviations: a cost that has risen nearer than that has jumped
 NORMAL = 1.5  # of a rise, a factor by which that of a normal may be missed: its error is then 22 % off
 FURTHEST = 5.0  # prior standard deviations
 AWAY = 2.0  # standard deviations, at which a normal rises by RISE
@@ -58,11 +59,15 @@ class _Near(NamedTuple):
 
     def at(self, point: Point, look: Looked, step: np.ndarray) -> Point:
         """The point a step of the numbers away from another."""
-        numbers = point.numbers + step
-        read = self.points.applied(point.instances, numbers, point.state)
-        trials = tuple(t.in_noise(noise) for t, noise in zip(read, self.noise, strict=True))
-        theta = self.points.minimiser.onward(point.state.theta, look.along @ step)
-        state = self.points.minimiser.refine(trials, theta, Rounds(1))
+        numbers, state = point.numbers + step, point.state
+        theta = self.points.minimiser.onward(state.theta, look.along @ step)
+        for _ in range(SETTLED if any(x.effect.settles for x in point.instances) else 1):
+            read = self.points.applied(point.instances, numbers, state)
+            trials = tuple(t.in_noise(noise) for t, noise in zip(read, self.noise, strict=True))
+            near, state = state, self.points.minimiser.refine(trials, theta, Rounds(1))
+            if abs(state.likelihood - near.likelihood) < NEAR**2:
+                break
+            theta = state.theta
         return Point(point.instances, numbers, state, self.points.cost(point.instances, numbers, state))
 
 
@@ -94,7 +99,10 @@ class _Line:
         def both(off: float) -> tuple[float, list[np.ndarray]]:
             return float(np.mean([self.rise(self.at(sign * off, self.middle)) for sign in (1, -1)])), []
 
-        step = 0.5 * STEP * risen(both, AWAY * self.std, self.far)[0]
+        high = risen(both, AWAY * self.std, self.far)[0]
+        if high < JUMP * self.std:
+            return self.middle.look
+        step = 0.5 * STEP * high
         places = [self.middle, *self.side(step), *self.side(-step)]
         evidence = np.array([p.evidence for p in places])
         weights = np.exp(evidence - evidence.max())
