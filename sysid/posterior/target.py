@@ -23,6 +23,7 @@ from sysid.verdict.identify import limits
 
 QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 LINE = np.linspace(-5, 5, 11)  # standard deviations, at which a ridge is compared with a normal
+LEAST = 1e-12  # of the correlations, relative: of less no Cholesky factor is to be had
 WASTE = 1.2  # draws for an effective one from which a ridge is followed: of a normal it is 1.01
 
 
@@ -109,7 +110,18 @@ class Target:
         minimiser = Minimiser(fit.reference, fit.names, fit.modes[0].prior)
         curved = "f0" in self.names and bent(minimiser, fit.modes[0])
         ridge = "f0" if curved else self._slow()
-        return fit.modes if ridge is None else along(minimiser, fit.modes, ridge)
+        if ridge is None:
+            return fit.modes
+        return [s for s in along(minimiser, fit.modes, ridge) if self._tells(s)] or fit.modes
+
+    def _tells(self, state: State) -> bool:
+        """Whether a place on a ridge has a covariance of all parameters."""
+        covariance = state.covariance[np.ix_(self.index, self.index)]
+        size = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+        return (
+            bool(np.isfinite(state.evidence))
+            and np.linalg.eigvalsh(covariance / np.outer(size, size))[0] > LEAST
+        )
 
     def _slow(self) -> str | None:
         """The parameter along which a chain that proposes from the normal about the best minimum would take
