@@ -184,7 +184,7 @@ class _Adoption:
                 near = best.evidence - NEARLY
                 images = [d for d in self.search.images(best, ends, self.count) if d.sense]
                 alike = [d for d in ends if d is not best and d.sense and near < d.evidence <= best.evidence]
-                alike += images
+                alike = [*alike, *images]
                 others = {d.instances[-1].effect.name: d.evidence for d in reversed(ends)}
                 del others[best.instances[-1].effect.name]
                 return done._replace(

@@ -20,7 +20,7 @@ from sysid.trials.whitening import Noise
 JUMP = 0.01  # standard deviations: a cost that has risen nearer than that has jumped
 NORMAL = 1.5  # of a rise, a factor by which that of a normal may be missed: its error is then 22 % off
 FURTHEST = 5.0  # prior standard deviations
-AWAY = 2.0  # standard deviations, at which a normal rises by RISE
+AWAY = float(np.sqrt(2 * RISE))  # standard deviations, at which a normal rises by RISE
 
 
 class _Place(NamedTuple):
@@ -97,6 +97,7 @@ class _Line:
         """What is seen, with this number's part of both covariances by its moments over places along it."""
 
         def both(off: float) -> tuple[float, list[np.ndarray]]:
+            """The mean rise on both sides."""
             return float(np.mean([self.rise(self.at(sign * off, self.middle)) for sign in (1, -1)])), []
 
         high = risen(both, AWAY * self.std, self.far)[0]
