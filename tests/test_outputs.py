@@ -33,7 +33,7 @@ KEYS = [
     "covariance",
     "reference_temperature_degC",
 ]
-KEYS += ["uncertainty", "warnings", "notes", "findings", "logs", "models", "advice", "change"]
+KEYS += ["uncertainty", "warnings", "notes", "findings", "logs", "models", "advice", "no_advice", "change"]
 KEYS += ["controller", "files", "seed", "versions", "cost"]
 
 

@@ -28,6 +28,7 @@ from sysid.shell import called, reader
 
 if TYPE_CHECKING:
     from sysid.command.clock import Budget, Stages
+    from sysid.posterior.planning import Advised
     from sysid.report.canvas import Drawn
 
 
@@ -294,17 +295,17 @@ def _change(posterior: Any, older: Any) -> Any:
     return compare_fits(posterior, older)
 
 
-def _advised(fit: Any, wanted: str | None, rig: Any) -> tuple | None:
+def _advised(fit: Any, wanted: str | None, rig: Any) -> "Advised | None":
     """What to record next; None where it was not asked for."""
     if wanted is None:
         return None
     import controller
-    from sysid.posterior.planning import advise
+    from sysid.posterior.planning import Advised, advise
 
     try:
         return advise(fit, wanted, design=partial(controller.design, rig=rig))
-    except ValueError:  # no drive is recorded, or the rig cannot do it, which a warning says already
-        return ()
+    except ValueError as error:  # no drive is recorded, or the rig cannot do it
+        return Advised.none(str(error))
 
 
 def _say(content: dict, text: str, posterior: Any, folder: Path, as_json: bool) -> None:

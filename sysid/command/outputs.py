@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from sysid.posterior.change import Change
     from sysid.posterior.foreseen import Raised
-    from sysid.posterior.planning import Advice
+    from sysid.posterior.planning import Advice, Advised
     from sysid.posterior.posterior import Posterior
     from sysid.verdict.comparison import Comparison
     from sysid.verdict.finding import Finding
@@ -50,7 +50,7 @@ def document(
     warnings: Sequence[str],
     compared: "Sequence[Comparison]" = (),
     added: "Sequence[Mapping[str, Parameter]]" = (),
-    advice: "Sequence[Advice | Raised] | None" = None,
+    advice: "Advised | None" = None,
     change: "Change | None" = None,
 ) -> dict[str, Any]:
     """The content of fit.json, with what the bench `added` to each log, and where they were asked for
@@ -83,6 +83,7 @@ def document(
         ],
         "models": _models(compared) if compared else None,
         "advice": None if advice is None else [_advice(a) for a in advice],
+        "no_advice": advice.why if advice is not None and not advice else None,
         "change": None if change is None else _change(change),
         "controller": controller,
         "files": {},

@@ -14,6 +14,7 @@ from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Result
 
 if TYPE_CHECKING:
+    from sysid.posterior.planning import Advised
     from sysid.report.canvas import Drawn
 
 
@@ -110,7 +111,7 @@ def described(
     posterior: Posterior,
     loop: Any,
     warnings: Sequence[str],
-    advice: Sequence | None = None,
+    advice: "Advised | None" = None,
     change: Change | None = None,
 ) -> dict[str, Any]:
     """The content of fit.json but for `files` and `cost`."""

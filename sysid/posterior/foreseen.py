@@ -99,13 +99,27 @@ class Raised(Shown):
         return of_advice(self)
 
     def __str__(self) -> str:
+        quantity, (before, after, best) = PROMISES[self.parameter], self._told
+        promise = f"{quantity.said} promised from {before} to {after} (a plate known exactly: {best})"
+        return f"{self.experiment}: {promise}, in {self.seconds:.3g} s"
+
+    @property
+    def had(self) -> str:
+        """That no experiment betters the promise, in words."""
+        before, _, best = self._told
+        return (
+            f"no step or sweep betters the {PROMISES[self.parameter].said} promised by as much as"
+            f" {100 * (MOVED - 1):.0f} %: {before}, for a plate known exactly {best}"
+        )
+
+    @property
+    def _told(self) -> tuple[str, str, str]:
+        """Before, after and for a plate known exactly, in words."""
         quantity = PROMISES[self.parameter]
         before, after, best = (
             f"{x:.3g}" if quantity.unit == "1" else seconds(x) for x in (self.before, self.after, self.best)
         )
-        before = "no controller" if self.before == quantity.without else before
-        promise = f"{quantity.said} promised from {before} to {after} (a plate known exactly: {best})"
-        return f"{self.experiment}: {promise}, in {self.seconds:.3g} s"
+        return "no controller" if self.before == quantity.without else before, after, best
 
     @property
     def unit(self) -> str:

@@ -142,6 +142,26 @@ class Advice(Shown):
         return self.after < WORTH * self.before
 
 
+class Advised(tuple):
+    """Experiments, `Advice` or `Raised`, the best first; `why` there is none, a sentence."""
+
+    why: str = ""
+
+    @classmethod
+    def none(cls, why: str) -> "Advised":
+        """No experiment."""
+        empty = cls()
+        empty.why = why
+        return empty
+
+
+UNFORESEEN = (
+    "no step or sweep can be laid out: no log with a drive and a frequency tells tau well enough to count in"
+    " it; record what open parameters ask for"
+)
+NO_HELP = f"no step or sweep takes as much as {100 * (1 - WORTH):.0f} % off the error of {{}}"
+
+
 def advise(
     fit: Fit,
     parameter: str = "worst",
@@ -151,7 +171,7 @@ def advise(
     temperatures: Sequence[float] | None = None,
     setup: float = 10.0,
     warming: float = 600.0,
-) -> tuple[Advice | Raised, ...]:
+) -> Advised:
     """What to record next for `parameter` (worst: the one furthest from what counts as determined), the best
     first: of each kind of experiment and temperature the one that shrinks its error most per second, those
     that settle it before others, none that hardly shrinks it.
@@ -162,10 +182,10 @@ def advise(
 
     `drive`: peak, default the largest of the logs. `temperatures` (degC) that the bench can reach, default
     the logs' own and AWAY on either side. `setup` s for each experiment, `warming` s for each that is not at
-    the logs' temperature. Noise is that of the logs of that kind, else of all. Empty when no log has a drive
-    and a frequency, or tau is a guess, or nothing helps. Raises ValueError for a parameter that there is not,
-    for k_T where no log has a temperature, for a promise without a design, and where the design refuses a
-    plate that is known exactly; TypeError for what is no fit.
+    the logs' temperature. Noise is that of the logs of that kind, else of all. Empty, with the reason for
+    `why`, when no log has a drive and a frequency, or tau is a guess, or nothing helps. Raises ValueError
+    for a parameter that there is not, for k_T where no log has a temperature, for a promise without a design,
+    and where the design refuses a plate that is known exactly; TypeError for what is no fit.
     """
     given("fit", fit, Fit, FIT)
     given("design", design, Callable | None, "controller.design, or functools.partial of it")
@@ -184,11 +204,15 @@ def advise(
         )
     benches = [b for mode in fit.modes if (b := _Bench.of(replace(fit, modes=(mode,)))) is not None]
     if not benches:
-        return ()
-    judges = [
-        _promise(b, parameter, design) if design and parameter in PROMISES else _error(b, parameter)
-        for b in benches
-    ]
+        return Advised.none(UNFORESEEN)
+    if design and parameter in PROMISES:
+        promises = [_promise(b, parameter, design) for b in benches]
+        judges, none = [judge for judge, _ in promises], promises[0][1].had
+        if not any(most.worthwhile for _, most in promises):
+            return Advised.none(none)
+    else:
+        judges = [_error(b, parameter) for b in benches]
+        none = NO_HELP.format("the least known parameter" if parameter == "worst" else parameter)
     best: dict[tuple, Advice | Raised] = {}
     for e in benches[0].experiments(drive, temperatures):
         took, key = setup + e.record + (warming if benches[0].elsewhere(e) else 0.0), (e.kind, e.temperature)
@@ -198,8 +222,10 @@ def advise(
         )
         if found.worthwhile:
             best[key] = max(best.get(key, found), found, key=_merit)
+    if not best:
+        return Advised.none(none)
     spread = [_spread(a, benches) if isinstance(a, Advice) else a for a in best.values()]
-    return tuple(sorted(spread, key=_merit, reverse=True))
+    return Advised(sorted(spread, key=_merit, reverse=True))
 
 
 def _spread(advice: Advice, benches: "Sequence[_Bench]") -> Advice:
@@ -235,8 +261,8 @@ def _error(bench: "_Bench", parameter: str) -> Judge:
     return judge
 
 
-def _promise(bench: "_Bench", name: str, design: Design) -> Judge:
-    """By what is promised of the closed loop."""
+def _promise(bench: "_Bench", name: str, design: Design) -> tuple[Judge, Raised]:
+    """By what is promised of the closed loop; and the most that any experiment can bring."""
 
     def of(covariance: np.ndarray) -> float:
         try:
@@ -246,7 +272,9 @@ def _promise(bench: "_Bench", name: str, design: Design) -> Judge:
 
     best = promised(bench.fit, EXACT * np.eye(len(NAMES)), design, PROMISES[name])
     before = of(bench.covariance(bench.information))
-    return lambda e, told, took: Raised(e, name, before, of(bench.covariance(told)), best, took)
+    return (lambda e, told, took: Raised(e, name, before, of(bench.covariance(told)), best, took)), Raised(
+        None, name, before, best, best, 1.0
+    )
 
 
 def _information(trials: Sequence[Trial], fit: Fit) -> np.ndarray:

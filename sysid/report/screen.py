@@ -27,10 +27,6 @@ from sysid.report.text import (
 
 WIDTH = 80  # columns where the output is no terminal
 ROOMY = 100  # columns, from which on a table of logs has room for their noise
-NO_ADVICE = (
-    "these logs tell too little to lay out a step or sweep, or none helps; record what open parameters ask"
-    " for"
-)
 UNDERLINED = Box("    \n    \n -- \n    \n    \n    \n    \n    \n", ascii=True)
 
 
@@ -141,7 +137,8 @@ def _sentences(document: Mapping[str, Any], folder: Path) -> Table:
     if document["models"]:
         lines.append(("models", document["models"]["verdict"]))
     if document["advice"] is not None:
-        lines.append(("next", "\n".join(a["sentence"] for a in document["advice"][:3]) or NO_ADVICE))
+        said = [a["sentence"] for a in document["advice"][:3]] or [document["no_advice"]]
+        lines.append(("next", "\n".join(said)))
     if document["change"] is not None:
         lines.append(("change", "\n".join([document["change"]["sentence"], *moved(document["change"])])))
     lines.append(
