@@ -2,6 +2,7 @@
 
 import pytest
 
+from sysid.columns.header import contract_plan
 from sysid.columns.unknown import drafted
 from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
@@ -20,7 +21,12 @@ def refused(paths, *words, **options):
 
 def draft_of(path):
     """The mapping file that is drafted for a file, whether or not it is read without one."""
-    return drafted(open_head(str(path), Dialect()))
+    head = open_head(str(path), Dialect())
+    try:
+        contract_plan(head)
+    except LogError as error:
+        return error.mapping or drafted(head)
+    return drafted(head)
 
 
 def changed(text, old, new):

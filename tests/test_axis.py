@@ -4,7 +4,7 @@ The truth is a carrier of known drive, gain and phase, or a step of known times,
 
 import numpy as np
 import pytest
-from refusal import refused
+from refusal import draft_of, refused
 
 from sysid.logs.read import read_logs
 
@@ -104,7 +104,7 @@ def test_labview_s_samples_of_a_carrier_need_no_time(save):
     path = save(
         lvm(["X_Value", "Drive (V)", "Sensor (V)"], rows, "No", f"{STEP:g}".replace(".", ",")), "a.lvm"
     )
-    draft = refused(path).mapping.replace('"?"', '"displacement"', 1)
+    draft = draft_of(path).replace('"?"', '"displacement"', 1)
     (log,) = read_logs(path, columns=save(draft, "map.toml"))
     check_carrier(log)
 
@@ -151,6 +151,6 @@ def test_remarks_beside_rows_are_no_settings(save):
 def test_a_unit_behind_in_is_one(save, head):
     """As Rohde & Schwarz, and Germans, write heads."""
     path = save(head + "\n" + "\n".join(",".join(row) for row in numbers(T - 2e-3, *SAMPLES)) + "\n")
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert draft.count('"?"  #') == draft.count('quantity = "?"') == 1
     check_carrier(read_logs(path, columns=save(draft.replace('"?"', '"displacement"', 1), "map.toml"))[0])

@@ -3,11 +3,10 @@ write their units."""
 
 import numpy as np
 import pytest
-from refusal import refused
+from refusal import draft_of, refused
 
 import sysid
 from sysid.columns import labels
-from sysid.logs.log import LogError
 from sysid.logs.read import read_logs
 from sysid.tables import densities, units
 
@@ -83,9 +82,7 @@ def test_the_draft_knows_them(save, tmp_path, head):
     power = "2" in head or "²" in head
     values = spectrum() if power else np.sqrt(spectrum())
     path = save(table(head, 20 * np.log10(values) if "dB" in head else values))
-    with pytest.raises(LogError) as refusal:
-        read_logs(path)
-    draft = refusal.value.mapping
+    draft = draft_of(path)
     (line,) = [line for line in draft.splitlines() if line.startswith("magnitude")]
     assert ("a power density: its root is read" in line) == power
     if "dB" not in head:

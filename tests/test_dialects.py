@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from refusal import refused
+from refusal import draft_of, refused
 
 from sysid.fitting import fit
 from sysid.logs.read import read_logs
@@ -526,7 +526,7 @@ def test_a_time_of_day_goes_before_a_date_beside_it(save):
 
 
 def draft(save, text):
-    return refused(save(text)).mapping.splitlines()
+    return draft_of(save(text)).splitlines()
 
 
 @pytest.mark.parametrize(
@@ -571,7 +571,7 @@ def test_a_network_analyser_s_export_reads_once_its_draft_is_filled_in(save):
     header = "Frequency (Hz),Channel 1 Magnitude (dB),Channel 2 Magnitude (dB),Channel 2 Phase (deg)\n"
     path = save("#Digilent WaveForms Network Analyzer - Bode\n#Start: 31900 Hz\n\n" + header
                 + "".join(",".join(map(repr, row)) + "\n" for row in columns))  # fmt: skip
-    text = refused(path, "quantity", "preset:digilent").mapping
+    text = draft_of(path)
     for key, value in (("amplitude", '"peak"'), ("quantity", '"displacement"'), ("phase_sign", "1")):
         text = text.replace(f'{key} = "?"', f"{key} = {value}")
     (log,) = read_logs(path, columns=save(text, "map.toml"))

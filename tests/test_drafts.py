@@ -97,6 +97,44 @@ def test_an_impedance_or_an_admittance_needs_no_answer_but_a_unit_that_is_not_st
     assert not [note for note in log.notes if "taken as" in note]
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("units", ["um", "V"])
+@pytest.mark.parametrize("head", ["Frequency [Hz];X [{}];Y [{}]", "f (Hz),Amplitude ({}),Phase (deg)"])
+def test_what_the_heads_leave_open_is_taken_as_usual_and_told(save, head, units, sign):
+    """A displacement, peak, with the sign by which its phase falls with the frequency."""
+    signal = S if sign > 0 else S.conj()
+    path = save(table(head.format(units, units), F, *(polar if "Phase" in head else re_im)(signal)))
+    (log,) = read_logs(path)
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-9)
+    told = " ".join(log.notes)
+    assert "read by the heads of its columns: " in told and "is taken as peak" in told
+    assert "of its conjugate where it rises with the frequency" in told
+    assert ("nothing says what the signal shows" in " ".join(log.warnings)) == (units == "V")
+
+
+def test_peak_amplitudes_beside_a_drive_are_a_warning(save):
+    (log,) = read_logs(save(table("Frequency [Hz],Voltage [V],X [um],Y [um]", F, 0 * F + 5, *re_im(S))))
+    (said,) = log.warnings
+    assert "both are taken as peak, by which G goes" in said
+    stated = table("Frequency [Hz],Voltage [Vrms],X [um rms],Y [um rms]", F, 0 * F + 5, *re_im(S))
+    assert not read_logs(save(stated))[0].warnings
+
+
+def test_what_matters_and_is_not_told_is_refused(save):
+    wide = np.geomspace(20.0, 200.0, 50)
+    w = 1 / (1 - (wide / 60) ** 2 + 0.5j * wide / 60)
+    told = "quantity: over so wide a sweep a displacement and a velocity differ"
+    error = refused(
+        save(table("Freq (Hz),Level (V),Phase (deg)", wide, *polar(w))), "from 20 to 200 Hz", told
+    )
+    assert set(asked(error.mapping)) == {"amplitude", "quantity", "phase_sign"}
+    head = "Time [s],Frequency [Hz],X [um],Y [um]"
+    refused(save(table(head, T, 0 * T + 32300, *re_im(S))), "phase_sign: at one frequency")
+    s_parameters = "freq [Hz],S11 [dB],S11 [deg]"  # no response as they stand
+    refused(save(table(s_parameters, F, *decibel(S))), "found no response")
+    refused(save(table("Frequency [Hz],X,Y", F, *re_im(S))), "found no response")  # in no unit
+
+
 REFERRED = [
     ("Frequency (Hz),dB(m/s/V),Phase (deg)", ""),
     ("Frequency [Hz],Magnitude [dB(m/s/V)],Phase [deg]", ""),
@@ -116,7 +154,7 @@ def test_decibels_of_a_reference_are_decibels(save, head, above):
     """As a vibrometer writes them; they were read as m/s/V, and the phase was lost."""
     text = above + table(head, F, *decibel(S))
     path = save(text.replace(",", "\t") if above else text)
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert asked(draft) == ["phase_sign"], draft
     (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
     np.testing.assert_allclose(log.response, S / (2 * np.pi * F), rtol=1e-11)
@@ -134,7 +172,7 @@ def test_decibels_of_a_reference_are_decibels(save, head, above):
 def test_what_is_stated_by_its_drive_is_driven_by_one(save, head, unit, drive):
     """As the response of H1: its G is by that drive, whatever drove it."""
     path = save(table(f"Frequency [Hz],{head}", F, *re_im(S)))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert asked(draft) == ["phase_sign"], draft
     text = answered(draft)
     for stated, mapping in ((1.0, text), (20.0, text.replace(f'"1 {drive}"', f'"20 {drive}"'))):
@@ -160,7 +198,7 @@ def test_what_is_stated_by_its_drive_is_driven_by_one(save, head, unit, drive):
 )
 def test_decibels_of_a_unit_keep_it(save, level, quantity, unit, order):
     path = save(table(f"Frequency [Hz];{level};Phase [°]", F, *decibel(S)))
-    text = answered(refused(path).mapping)
+    text = answered(draft_of(path))
     assert f'quantity = "{quantity}"' in text
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response, 1j * S / (2j * np.pi * F) ** order, rtol=1e-10)
@@ -171,7 +209,7 @@ def test_an_acceleration_is_divided_by_its_frequency_twice(save):
     """x = X cos(omega t) has the acceleration -omega^2 x; its unit is that of the whole head."""
     moves = -((2 * np.pi * F) ** 2) * S
     path = save(table("frequency_Hz,X_m/s^2,Y_m/s^2", F, *re_im(moves)))
-    text = answered(refused(path).mapping)
+    text = answered(draft_of(path))
     assert 'quantity = "acceleration"' in text
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response, 1j * S, rtol=1e-11)
@@ -215,7 +253,7 @@ SIGNALS = {
 def test_the_parts_of_a_signal_are_known_whatever_they_are_called(save, head):
     columns = (F, *SIGNALS[head](S))
     path = save(table(head, *((np.arange(len(F)), *columns) if head.startswith("Index") else columns)))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     ratio = {"amplitude"} if re.search("S21|S11|Gain", head) else set()
     told = ratio | (
         {"phase_sign"} if re.search("S21|S11|TR1", head) else set()
@@ -245,7 +283,7 @@ HALVES = {
 @pytest.mark.parametrize("head", HALVES)
 def test_what_is_half_of_a_response_is_not_taken_for_the_whole(save, head):
     columns = [F, *(np.abs(S) + k * F for k in range(head.count(",")))]
-    given = tomllib.loads(refused(save(table(head, *columns))).mapping)["columns"]
+    given = tomllib.loads(draft_of(save(table(head, *columns))))["columns"]
     assert {name: of["column"] for name, of in given.items() if name != "frequency"} == HALVES[head]
 
 
@@ -270,7 +308,7 @@ LONE = {
 def test_a_signal_of_any_unit_is_offered_as_w(save, head):
     columns = LONE[head]
     path = save(table(head, *columns))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     known = "(" in head or "[" in head or "_" in head  # its unit, that is
     assert not {"amplitude", "quantity", "phase_sign", *(["w"] if known else [])} & {*asked(draft)}, draft
     (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
@@ -300,26 +338,26 @@ PAIRS = {  # of units that are not known, and of readings of few digits
 @pytest.mark.parametrize("head", PAIRS)
 def test_a_drive_beside_a_signal_of_an_unknown_unit_is_the_drive(save, head):
     drive, signal, (name, unit, other) = PAIRS[head]
-    draft = refused(save(table(head, T, drive, signal))).mapping
+    draft = draft_of(save(table(head, T, drive, signal)))
     first, second = head.split(",")[1:]
     given = tomllib.loads(draft)["columns"]
     assert given.pop("time")["column"] == head.partition(",")[0]
     assert given == {name: {"column": first, "unit": unit}, "w": {"column": second, "unit": other}}, draft
     turned = table(",".join([head.partition(",")[0], second, first]), T, signal, drive)
-    assert tomllib.loads(refused(save(turned)).mapping)["columns"] | {"time": 0} == {**given, "time": 0}
+    assert tomllib.loads(draft_of(save(turned)))["columns"] | {"time": 0} == {**given, "time": 0}
 
 
 @pytest.mark.parametrize("head", ["Time (s),Pressure (bar),Flow (l/min)", "Time (s),valve_V,p_bar"])
 def test_of_two_that_tell_nothing_the_response_is_asked_for(save, head):
     path = save(table(head, T, *RNG.standard_normal((2, len(T)))))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert tomllib.loads(draft)["columns"]["w"] == {"column": "?", "unit": "?"}
     assert "quantity" not in draft and "phase_sign" not in draft
     refused(path, "no column '?'", columns=save(answered(draft).replace('"V"', '"?"'), "map.toml"))
 
 
 def test_a_response_in_seconds_is_asked_for_its_unit(save):
-    draft = refused(save(table("time_s,voltage_V,speed_A_s", T, DRIVE, SPEED))).mapping
+    draft = draft_of(save(table("time_s,voltage_V,speed_A_s", T, DRIVE, SPEED)))
     assert tomllib.loads(draft)["columns"]["w"] == {"column": "speed_A_s", "unit": "?"}
 
 
@@ -336,7 +374,7 @@ def test_a_response_in_seconds_is_asked_for_its_unit(save):
 )
 def test_a_response_is_known_in_other_languages(save, head):
     path = save(table(head, F, *polar(S)))
-    names = tomllib.loads(answered(refused(path).mapping))["columns"]
+    names = tomllib.loads(answered(draft_of(path)))["columns"]
     assert {name: of["column"] for name, of in names.items()} == dict(
         zip(("frequency", "magnitude", "phase"), head.split(","), strict=True)
     )
@@ -346,7 +384,7 @@ def test_a_response_is_known_in_other_languages(save, head):
 def test_what_counts_the_rows_is_no_response(save):
     swing = 12 * np.cos(5 * T)
     for name in ("frame", "bild", "Datensatz"):
-        draft = refused(save(table(f"{name},time_s,angle_deg", np.arange(len(T)), T, swing))).mapping
+        draft = draft_of(save(table(f"{name},time_s,angle_deg", np.arange(len(T)), T, swing)))
         assert tomllib.loads(draft)["columns"]["w"] == {"column": "angle_deg", "unit": "deg"}, draft
 
 
@@ -356,7 +394,7 @@ def test_remarks_are_offered_as_nothing(save):
     )
     for remark in ("", "ok"):
         rows = [f"{line}\t{'door' if k == 40 else remark}" for k, line in enumerate(lines[1:])]
-        draft = refused(save("\n".join([f"{lines[0]}\tBemerkung", *rows]))).mapping
+        draft = draft_of(save("\n".join([f"{lines[0]}\tBemerkung", *rows])))
         assert draft.count("Bemerkung") == 1 and "# not used: Nr, Bemerkung" in draft, draft
 
 
@@ -366,7 +404,7 @@ def test_an_amplitude_is_not_asked_for_the_sign_of_its_phase(save):
         "Frequency (Hz),Voltage (V)",
         "Frequency (Hz),Velocity RMS (mm/s)",
     ):
-        draft = refused(save(table(head, F, np.abs(S)))).mapping
+        draft = draft_of(save(table(head, F, np.abs(S))))
         assert "phase_sign" not in draft
         assert "magnitude" in tomllib.loads(draft)["columns"]
     assert 'amplitude = "rms"' in draft and 'quantity = "velocity"' in draft
@@ -380,7 +418,7 @@ def test_an_angle_is_never_offered_as_time(save):
         "a,b,Phase [°]",
     )
     for head in heads:
-        text = refused(save(table(head, *(F - k for k in range(head.count(",") + 1))))).mapping
+        text = draft_of(save(table(head, *(F - k for k in range(head.count(",") + 1)))))
         assert not re.search(r"time = .*(theta|Phase)", text), text
 
 
@@ -431,14 +469,14 @@ def test_numbers_at_a_header_s_end_that_count_the_columns_are_no_row(save):
 
 def test_what_is_commented_out_names_each_column_once(save):
     """Two rows tell nothing of three columns without names."""
-    text = refused(save("1,5,9\n2,6,7\n")).mapping
+    text = draft_of(save("1,5,9\n2,6,7\n"))
     columns = re.findall(r"column = (\d)", text)
     assert columns == ["0", "1", "2"]
 
 
 def test_a_response_of_which_half_is_there_is_asked_for_the_other(save):
     path = save(table("Frequency (Hz),Gain (Real),status", F, S.real, 0 * F))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert tomllib.loads(draft)["columns"]["y"] == {"column": "?", "unit": "?"}
     refused(
         path,
@@ -474,7 +512,7 @@ def test_a_head_is_taken_apart(head, words, unit, part):
 
 def test_what_lock_ins_are_known_to_state_is_not_asked(save):
     path = save("# SR865A SN 004512\n" + table("t (s),Freq (Hz),X (V),Y (V)", T, F, *re_im(S)))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert asked(draft) == ["quantity"]
     (log,) = read_logs(path, columns=save(answered(draft), "map.toml"))
     np.testing.assert_allclose(log.response, np.sqrt(2) * 1j * S, rtol=1e-12)
@@ -485,7 +523,7 @@ def test_names_of_several_words_between_blanks_are_the_header(save):
     names = "% freq (Hz)             abs(w) (um)              arg(w) (rad)"
     rows = "".join(f"{f:.6f}    {abs(s):.9e}    {np.angle(s):.9e}\n" for f, s in zip(F, S, strict=True))
     path = save(f"% Model:              plate.mph\n% Version:            6.1\n{names}\n{rows}")
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert tomllib.loads(answered(draft))["columns"] == {
         "frequency": {"column": "freq (Hz)", "unit": "Hz"},
         "magnitude": {"column": "abs(w) (um)", "unit": "um"},
@@ -503,7 +541,7 @@ def test_a_header_in_cyrillic_whose_names_hold_commas(save, tmp_path):
     )
     path = tmp_path / "data.csv"
     path.write_bytes(("Частота, Гц;Амплитуда, мкм;Фаза, град\n" + rows).encode("cp1251"))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert tomllib.loads(answered(draft))["columns"] == {
         "frequency": {"column": "Частота, Гц", "unit": "Hz"},
         "magnitude": {"column": "Амплитуда, мкм", "unit": "um"},
@@ -514,11 +552,11 @@ def test_a_header_in_cyrillic_whose_names_hold_commas(save, tmp_path):
     assert "line 1 is not UTF-8: read as Windows-1251" in log.notes
     umlauts = "Frequenz [Hz];Größe [µm];Phase [°]\n"
     path.write_bytes((umlauts + rows).encode("cp1252"))
-    assert '"Größe [µm]"' in refused(path).mapping
+    assert '"Größe [µm]"' in draft_of(path)
 
 
 def test_elements_of_a_circuit_are_told_to_be_no_response(save):
-    draft = refused(save(table("FREQ[Hz],CP[F],D", F, np.full(len(F), 1e-9), 1e-3 * F / F[0]))).mapping
+    draft = draft_of(save(table("FREQ[Hz],CP[F],D", F, np.full(len(F), 1e-9), 1e-3 * F / F[0])))
     assert "# Cp, D and the like are elements of a circuit" in draft
 
 
@@ -541,7 +579,7 @@ def test_settings_above_rows_without_a_header_are_no_header(save):
     """As spectrum analysers save a trace; each line of the rows ends in a mark that parts nothing."""
     rows = table("", F, 20 * np.log10(np.abs(S))).replace(",", ";").replace("\n", ";\n")
     path = save(SETTINGS + rows)
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert tomllib.loads(answered(draft))["columns"].keys() == {"frequency", "magnitude"}
     (log,) = read_logs(path, columns=save(answered(draft, "dB"), "map.toml"))
     np.testing.assert_allclose(log.frequency, F)

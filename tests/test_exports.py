@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 import scipy.io
-from refusal import refused
+from refusal import draft_of, refused
 from test_drafts import F, S, answered, asked, polar, re_im, table
 
 from sysid.logs.read import read_logs
@@ -23,7 +23,7 @@ STEP = 1.0 - np.exp(-np.clip(TIME - 0.0011, 0, None) / 1.67e-3) + 1e-4j * np.cos
 def read(save, content, name="log.csv", unit="V"):
     """The log of a file, and what its draft asked; of one that needs none, nothing."""
     path = save(content, name)
-    text = refused(path).mapping
+    text = draft_of(path)
     return read_logs(path, columns=save(answered(text, unit), "map.toml"))[0], asked(text)
 
 
@@ -74,7 +74,7 @@ def test_peak_effective_and_peak_to_peak_are_told_by_the_heads(save, head):
     "head", ["Vss [V]", "VSS (V)", "w_ss", "Coeff [1]", "mass (g)", "Peak (V)", "steady_ss_V"]
 )
 def test_what_ends_like_an_amplitude_states_none(save, head):
-    text = refused(save(table(f"Frequency (Hz),X (um),Y (um),{head}", F, *re_im(S), 1 + 0 * F))).mapping
+    text = draft_of(save(table(f"Frequency (Hz),X (um),Y (um),{head}", F, *re_im(S), 1 + 0 * F)))
     assert "amplitude" in asked(text) and not re.search(r'"(rms|pp|peak)" }', text)
 
 
@@ -100,7 +100,7 @@ def test_a_logarithm_has_no_unit_of_what_it_is_of(save):
     """ln(A) was read in amperes; the draft says how a logarithm is read."""
     time = 1e-4 * np.arange(80)
     path = save(table("t (ms),ln(A)", 1e3 * time, -time / 1.67e-3))
-    text = refused(path).mapping
+    text = draft_of(path)
     assert "8.685889638 of ln(A)" in text
     text = answered(text, "dB").replace('unit = "dB"', 'unit = "dB", scale = 8.685889638')
     (log,) = read_logs(path, columns=save(text, "map.toml"))
@@ -160,7 +160,7 @@ def test_a_spectrum_in_tdms_is_one_over_frequency(save, tmp_path):
         file.write_segment(
             [nptdms.ChannelObject("FRF", k, x, axis | {"unit_string": u}) for k, (x, u) in columns.items()]
         )
-    text = refused(tmp_path / "frf.tdms").mapping
+    text = draft_of(tmp_path / "frf.tdms")
     (log,) = read_logs(tmp_path / "frf.tdms", columns=save(answered(text), "map.toml"))
     np.testing.assert_allclose(log.frequency, F, rtol=1e-12)
     np.testing.assert_allclose(log.response, W, rtol=1e-10)
@@ -207,7 +207,7 @@ def test_settings_that_end_in_a_word_are_no_header(save, word):
 def test_a_time_that_stands_there_again_is_no_response(save):
     """As of an oscilloscope that writes one before each channel."""
     time = 1e-6 * np.arange(200)
-    text = refused(save(table("", time, np.sin(2e5 * time), time, np.cos(2e5 * time)))).mapping
+    text = draft_of(save(table("", time, np.sin(2e5 * time), time, np.cos(2e5 * time))))
     assert "drive = { column = 1," in text and "response = { column = 3," in text
 
 
@@ -244,7 +244,7 @@ def test_a_header_of_two_rows_again_begins_a_log(save):
     """Its units were taken for names, and the sweeps for traces side by side."""
     one = "Frequency,Amplitude,Phase\nHz,um,deg\n" + table("", F, abs(S), np.degrees(np.angle(S)))
     path = save(one + one)
-    text = refused(path).mapping
+    text = draft_of(path)
     assert "join" not in text
     first, second = read_logs(path, columns=save(answered(text), "map.toml"))
     for log in (first, second):
@@ -260,7 +260,7 @@ def test_steps_of_a_simulator_are_experiments(save):
         return f"Step Information: R={k}K  (Run: {k}/2)\n" + "".join(rows)
 
     path = save("Freq.\tV(out)\n" + step(1) + step(2), "lt.txt")
-    logs = read_logs(path, columns=save(answered(refused(path).mapping), "map.toml"))
+    logs = read_logs(path, columns=save(answered(draft_of(path)), "map.toml"))
     assert [log.name for log in logs] == [f"lt.txt[Step Information: R={k}K  (Run: {k}/2)]" for k in (1, 2)]
     for k, log in enumerate(logs, 1):
         np.testing.assert_allclose(log.response, k * W, rtol=1e-12)
@@ -276,7 +276,7 @@ def test_complex_numbers_without_a_header_are_all_rows(save):
     path = save(
         "".join(f" ({f:.6e}+0.0e+00j) ({s.real:.15e}{s.imag:+.15e}j)\n" for f, s in zip(F, S, strict=True))
     )
-    text = answered(refused(path).mapping).replace(
+    text = answered(draft_of(path)).replace(
         "[columns]", '[columns]\nfrequency = { column = "column 0", unit = "Hz" }'
     )
     (log,) = read_logs(path, columns=save(text, "map.toml"))
@@ -320,7 +320,7 @@ def test_names_of_logs_behind_a_point_are_theirs(save):
     names = ",".join(f"field.{name}" for name in OWN)
     check_own(read_logs(save(table(names, *OWN.values())))[0])
     refused(save(table(f"{names},other.wq_um", *OWN.values(), F)), "found wq twice")
-    text = refused(save(table("frequency_Hz,x.std_um,x.mean_um", F, F, F))).mapping
+    text = draft_of(save(table("frequency_Hz,x.std_um,x.mean_um", F, F, F)))
     assert 'std = { column = "x.std_um", unit = "um" }  # if' in text
 
 
@@ -336,7 +336,7 @@ def test_structures_in_a_cell_array_are_experiments(tmp_path):
 
 def test_the_columns_of_an_array_alone_are_told_by_their_numbers(save, tmp_path):
     scipy.io.savemat(tmp_path / "a.mat", {"data": np.column_stack([F, S.real, S.imag])})
-    text = answered(refused(tmp_path / "a.mat").mapping)
+    text = answered(draft_of(tmp_path / "a.mat"))
     assert "x = { column = 1," in text
     for mapping in (text, re.sub(r"column = (\d)", r'column = "data[\1]"', text)):
         (log,) = read_logs(tmp_path / "a.mat", columns=save(mapping, "map.toml"))
@@ -373,7 +373,7 @@ def test_an_index_of_dates_has_no_name(save):
         ",Channel 1 (V),Speed (rpm)\n"
         + "".join(f"{s},{v},{v / 2}\n" for s, v in zip(stamps, DRIVE, strict=True))
     )
-    assert "time = { column = 0," in refused(path).mapping
+    assert "time = { column = 0," in draft_of(path)
 
 
 def test_an_index_that_goes_up_without_a_name_is_told(save):
@@ -404,7 +404,7 @@ def test_a_sample_rate_whose_unit_stands_behind_it(save, stated):
 def test_a_frequency_from_a_centre_gets_it_from_the_mapping_file(save):
     """Above the centre alone it was read as it stands, and the resonance found at some hundred hertz."""
     path = save(table("Detuning (Hz),Amplitude (um),Phase (deg)", F - 31800, *polar(S)))
-    text = refused(path).mapping
+    text = draft_of(path)
     assert 'offset = "?"' in text
     text = answered(text.replace('offset = "?"', "offset = 31800.0"))
     (log,) = read_logs(path, columns=save(text, "map.toml"))
@@ -427,7 +427,7 @@ def test_numbers_behind_their_names_in_every_cell(save, mark, of):
 
 
 def test_a_speed_in_a_row_of_units(save):
-    text = refused(save("Time,PWM,Speed\nms,%,rpm\n" + table("", 1e3 * TIME, DRIVE, STEP.real))).mapping
+    text = draft_of(save("Time,PWM,Speed\nms,%,rpm\n" + table("", 1e3 * TIME, DRIVE, STEP.real)))
     assert asked(text) == [] and 'w = { column = "Speed_rpm", unit = "rpm" }' in text
 
 
@@ -466,9 +466,9 @@ def test_a_reading_a_line_is_a_column_a_name(save, form, by):
 
 def test_a_column_of_one_name_is_no_long_table(save):
     """It says of what plate, or sensor, the readings are."""
-    text = refused(
+    text = draft_of(
         save("time_s,sensor,value\n" + "".join(f"{t},A7,{x}\n" for t, x in zip(TIME, STEP.real, strict=True)))
-    ).mapping
+    )
     assert 'w = { column = "value"' in text
 
 
@@ -485,7 +485,7 @@ OPEN = {
 @pytest.mark.parametrize("head", OPEN)
 def test_what_a_unit_leaves_open_is_asked(save, head):
     """1/s was taken for Hz, a square for an amplitude, and um/Vpp for um/V."""
-    text = refused(save(table(head, *OPEN[head]))).mapping
+    text = draft_of(save(table(head, *OPEN[head])))
     assert {"frequency" if head.startswith("ω") else "magnitude"} <= {*asked(text)}, text
     assert not re.search(r'unit = "\?"[^}]*amplitude', text)
 
@@ -502,7 +502,7 @@ def test_both_parts_of_a_signal_are_read(save, head):
 
 @pytest.mark.parametrize("head", ["f (Hz),Q (um),D (um)", "f (Hz),A (V),B (V)"])
 def test_one_of_two_signed_columns_is_not_taken_for_the_whole(save, head):
-    text = refused(save(table(head, F, *re_im(S)))).mapping
+    text = draft_of(save(table(head, F, *re_im(S))))
     assert "no column is known to be the response" in text
 
 
@@ -517,7 +517,7 @@ def test_one_of_two_signed_columns_is_not_taken_for_the_whole(save, head):
 def test_what_is_held_is_the_drive_of_what_is_left(save, head, drive, signal):
     """A heater's power was taken for the response, as was its duty beside two thermometers."""
     columns = [300 + 5 * STEP.real] * (head.count(",") - 1)
-    text = refused(save(table(head, TIME, DRIVE, *columns))).mapping
+    text = draft_of(save(table(head, TIME, DRIVE, *columns)))
     assert re.search(
         rf'^{drive} = {{ column = "{head.split(",")[1]}"'.replace("(", r"\(").replace(")", r"\)"), text, re.M
     ), text

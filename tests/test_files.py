@@ -101,7 +101,7 @@ def test_columns_of_the_contract_s_names_are_read_as_they_are(tmp_path, name):
 @pytest.mark.parametrize("name", WRITERS)
 def test_other_columns_are_drafted_and_mapped_as_those_of_a_text(save, tmp_path, name):
     WRITERS[name](tmp_path / name, COLUMNS)
-    draft = refused(tmp_path / name, name, "no response", "X_V", "Y_V", "frequency_Hz").mapping
+    draft = draft_of(tmp_path / name)
     assert asked(draft) == ["amplitude", "quantity", "phase_sign"]
     (log,) = read_logs(tmp_path / name, columns=save(answered(draft), "map.toml"))
     np.testing.assert_array_equal(log.response, 1j * S)
@@ -128,7 +128,7 @@ CONSTANTS = [("a.h5", hdf), ("b.mat", mat5), ("c.mat", mat73), ("f.tdms", tdms),
 @pytest.mark.parametrize(("name", "write"), CONSTANTS)
 def test_what_is_constant_is_read(save, tmp_path, name, write):
     write(tmp_path / name, COLUMNS, drive_V=10.0, temperature_degC=24.0)
-    draft = refused(tmp_path / name).mapping
+    draft = draft_of(tmp_path / name)
     assert 'drive = "10.0 V"' in draft and 'temperature = "24.0 degC"' in draft
     (log,) = read_logs(tmp_path / name, columns=save(answered(draft), "map.toml"))
     assert (set(log.drive), set(log.temperature)) == ({10.0}, {24.0})
@@ -208,7 +208,7 @@ def test_samples_of_a_wav_file(save, tmp_path, form):
     wavfile.write(
         tmp_path / "a.wav", 192000, np.rint(samples).astype(form) if full > 1 else samples.astype(form)
     )
-    draft = refused(tmp_path / "a.wav").mapping
+    draft = draft_of(tmp_path / "a.wav")
     assert asked(draft) == ["quantity", "drive", "response"]
     (log,) = read_logs(tmp_path / "a.wav", columns=save(answered(draft), "map.toml"))
     rough = 0.05 if form == "uint8" else 2e-4  # steps of 1/128 and 1/32768, over the response's 0.1
@@ -225,7 +225,7 @@ def test_a_universal_file(save, tmp_path):
     (tmp_path / "b.txt").write_bytes((tmp_path / "a.uff").read_bytes())
     assert refused(tmp_path / "b.txt", "displacement re").mapping == draft.replace("a.uff", "b.txt")
     uff(tmp_path / "a.uff", F, S, kind=11)
-    assert 'quantity = "velocity"' in refused(tmp_path / "a.uff").mapping
+    assert 'quantity = "velocity"' in draft_of(tmp_path / "a.uff")
 
 
 def test_one_channel_alone_has_no_drive(tmp_path):

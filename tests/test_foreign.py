@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from refusal import refused
+from refusal import draft_of, refused
 
 from sysid.logs.read import read_logs
 
@@ -91,7 +91,7 @@ def test_lines_are_counted_with_the_rules(save):
     "names, mark", [("f|x in um|y in um", "|"), ("Frequency, Hz|X, um|Y, um", "|"), ("f |X|/um phi/deg", " ")]
 )
 def test_a_bar_parts_cells_or_stands_for_a_magnitude(save, names, mark):
-    text = refused(save(names + "\n" + rows(F, W.real, W.imag, mark=mark))).mapping
+    text = draft_of(save(names + "\n" + rows(F, W.real, W.imag, mark=mark)))
     assert len(re.findall(r"^\w+ = \{ column", text, re.M)) == 3 and ('"|X|/um"' in text) == (mark == " "), (
         text
     )
@@ -105,7 +105,7 @@ def test_a_bar_within_a_cell_of_markdown(save):
             f"| {f} | {1e4 * abs(w)} | {np.degrees(np.angle(w))} |\n" for f, w in zip(F, W, strict=True)
         )
     )
-    assert 'magnitude = { column = "|Z|/ohm", unit = "ohm" }' in refused(save(text)).mapping
+    assert 'magnitude = { column = "|Z|/ohm", unit = "ohm" }' in draft_of(save(text))
 
 
 # Circuit simulators
@@ -291,7 +291,7 @@ def test_a_shorter_sweep_ends_above_the_others_and_a_bad_cell_is_named(save):
     "names", ["f_Hz,X1_V,Y1_V,X2_V,Y2_V", "time_s,f1_Hz,X1_V,f2_Hz,X2_V", "f_Hz,S11,S21,S12,S22"]
 )
 def test_channels_are_no_sweeps(save, names):
-    text = refused(save(names + "\n" + rows(F, W.real, W.imag, W.real, W.imag))).mapping
+    text = draft_of(save(names + "\n" + rows(F, W.real, W.imag, W.real, W.imag)))
     assert "split_by" not in text
 
 

@@ -217,7 +217,7 @@ S = 0.05 / (1 + 2j * np.pi * (F - 32300) * TAU)
 
 def test_labone_s_sweeps_read_with_one_answer(save):
     path = save(labone((F, S), (F[::2], 2 * S[::2])))
-    draft = refused(path).mapping
+    draft = draft_of(path)
     assert asked(draft) == ["quantity"]
     first, second = read_logs(path, columns=save(answered(draft), "map.toml"))
     assert (first.name, second.name) == ("log.csv[0]", "log.csv[1]")
@@ -254,7 +254,7 @@ def test_a_table_across_with_our_names_needs_no_mapping(save):
 )
 def test_a_table_across_that_is_broken_is_refused_by_line(save, change, words):
     path = save(labone((F, S)))
-    columns = save(answered(refused(path).mapping), "map.toml")
+    columns = save(answered(draft_of(path)), "map.toml")
     refused(save(change(labone((F, S)))), *words, columns=columns)
 
 

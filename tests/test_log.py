@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from refusal import refused
+from refusal import draft_of, refused
 
 from sysid import fit
 from sysid.logs.log import Log, LogError
@@ -856,7 +856,7 @@ def complete(text, quantity):
 
 def test_a_file_that_is_not_understood_brings_a_mapping(save, tmp_path):
     path = save("time_unix_s,f_Hz,X_V,Y_V\n10,100,1,2\n11,101,3,4\n")
-    text = refused(path, "no response").mapping
+    text = draft_of(path)
     completed = complete(text, "displacement")
     (tmp_path / "map.toml").write_text(completed)
     log = read_one(path, columns=tmp_path / "map.toml")
@@ -915,7 +915,7 @@ KINDS = (
     ],
 )  # fmt: skip
 def test_what_a_mapping_is_guessed_from(save, content, lines):
-    text = refused(save(content)).mapping
+    text = draft_of(save(content))
     assert not set(lines) - set(text.splitlines()), text
 
 

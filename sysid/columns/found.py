@@ -1,15 +1,18 @@
-"""A mapping file that leaves columns to be found by their heads, as a preset does, completed for one file."""
+"""A mapping file that leaves columns to be found by their heads, as a preset does, completed for one file;
+and one that a file's heads amount to by themselves."""
 
 import os
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from sysid.columns.draft import template
+from sysid.columns.labels import SCATTERING
 from sysid.columns.mapfile import RESPONSES, checked
 from sysid.columns.mapping import MappingFile
 from sysid.columns.preset import PREFIX, Preset, named
+from sysid.columns.survey import Columns
 from sysid.tables import layout, units
 from sysid.tables.cells import Dialect, listed
 from sysid.tables.csvfile import Head, LogError, read_head
@@ -19,9 +22,49 @@ SMALL = 1 << 22  # bytes of a file in which traces one below the other are looke
 RESPONSE = {part for parts in RESPONSES for part in parts} | {"response"}
 
 
-def completed(head: Head, mapping: MappingFile) -> tuple[Head, MappingFile, tuple[str, ...]]:
-    """The head of the file, its traces side by side, the mapping file with all its columns, and what is to be
-    said of it. Raises LogError with a mapping file to go on from where something is still open."""
+BY_HEADS = "the file"  # which says what a mapping file is read from
+# of what a draft asks for, what a mapping file need not say: it is taken as usual then, and that is told
+USUAL = ("amplitude", "quantity", "phase_sign")
+TAKEN = {
+    "amplitude": (
+        "nothing says whether the amplitudes of drive and response are peak, rms or peak to peak: both are"
+        " taken as peak, by which G goes; say amplitude in a mapping file (--columns)"
+    ),
+    "quantity": (
+        "nothing says what the signal shows: taken as a displacement; of a velocity, an acceleration or a"
+        " current G has another unit; say quantity in a mapping file (--columns)"
+    ),
+}
+
+
+Found = tuple[
+    Head, MappingFile, tuple[str, ...], tuple[str, ...]
+]  # what is to be said of it, and what is taken as usual
+
+
+def as_drafted(head: Head, mapping: MappingFile | None, draft: str) -> Found:
+    """The mapping file that the heads of a file's columns amount to, beside one that names none; with the
+    head that it is for. Raises LogError where the draft leaves more open than what is taken as usual."""
+    found = tomllib.loads(draft)
+    usual = tuple(key for key in USUAL if found.get(key) == "?" and not (mapping and key in mapping.options))
+    words = {word for label in Columns(head).labels for word in label.words}
+    usual = tuple(
+        key for key in usual if key != "quantity" or not words & SCATTERING
+    )  # S is no response as it stands
+    options = {key: value for key, value in found.items() if key not in usual}
+    options |= mapping.options if mapping else {}
+    if not head.dialect.header or found.get("kind") == "waveform" or any(v == "?" for _, v in _said(options)):
+        raise LogError(f"{head.path}: its heads do not tell all that is needed", draft)
+    drafted = checked(BY_HEADS, options)
+    named = (f"{entry['column']!r} as {name}" for name, entry in drafted.options["columns"].items())
+    told = f"read by the heads of its columns: {', '.join(named)}; a mapping file (--columns) says otherwise"
+    return joined(head, drafted.dialect), drafted, (told,), usual
+
+
+def completed(head: Head, mapping: MappingFile) -> Found:
+    """The head of the file, its traces side by side, and the mapping file with all its columns. Raises
+    LogError with a mapping file to go on from where something is still open: of what an instrument writes,
+    more than what is taken as usual."""
     head = joined(head, mapping.dialect)
     draft = template(head, {**mapping.base, **mapping.options})
     found = tomllib.loads(draft)
@@ -31,15 +74,18 @@ def completed(head: Head, mapping: MappingFile) -> tuple[Head, MappingFile, tupl
         names = listed([name for name in head.names if name]) or "columns without names"
         said = f"found no response ({names}), expected the columns that {mapping.path} is for"
         raise LogError(f"{head.path}: {said}", draft)
-    if left := [key for key, value in _said(options) if value == "?"]:
+    left = tuple(key for key, value in _said(options) if value == "?")
+    rows = "preset" in mapping.options and options.get("kind") != "waveform"
+    if left and not (rows and {*left} <= {*USUAL}):
         raise LogError(f"{head.path}: {_open(mapping, left)}", draft)
+    options = {key: value for key, value in options.items() if key not in left}
     for name, entry in options["columns"].items():
         if "column" not in entry:
             raise mapping.fail(
                 f"[columns] {name}", f"found no column of {head.path} that it may be, expected its name"
             )
     whole = replace(checked(mapping.path, options), base=mapping.base)
-    return head, whole, _told(mapping, found, options)
+    return head, whole, _told(mapping, found, options), left
 
 
 def joined(head: Head, dialect: Dialect) -> Head:
@@ -117,7 +163,7 @@ def _said(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
             yield key, value
 
 
-def _open(mapping: MappingFile, left: list[str]) -> str:
+def _open(mapping: MappingFile, left: Sequence[str]) -> str:
     """What to say where something is left open: that the preset itself assumes it, if it does."""
     said = f"nothing in it tells {listed(left)}, expected in a mapping file"
     name = mapping.options.get("preset")

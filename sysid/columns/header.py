@@ -7,10 +7,10 @@ meant; a file that is not understood is refused with a mapping file to start fro
 
 import dataclasses
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 
 from sysid.columns.factors import not_applied
-from sysid.columns.found import completed, with_preset
+from sysid.columns.found import TAKEN, as_drafted, completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import rate_key, refuse_repeated, stated_constant
@@ -35,7 +35,7 @@ from sysid.columns.timebase import (
     untimed,
     why_no_time,
 )
-from sysid.columns.unknown import drafted, not_understood
+from sysid.columns.unknown import NONE, NoResponse, drafted, not_understood
 from sysid.tables import units
 from sysid.tables.cells import SHOWN, amount, listed
 from sysid.tables.csvfile import Head, LogError
@@ -46,8 +46,10 @@ WHOLE = ("wd", "wq", "w", "response")
 VOLTS = re.compile(r"[numk]?V")
 STANDARD = re.compile(r"(?:(?P<of>w|wd|wq)[_ ])?(?:std|sigma|stderr)(?P<unit>[_ \[(/].*)", re.IGNORECASE)
 
+Planned = tuple[Head, MappingFile | None, Plan]
 
-def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile | None, Plan]:
+
+def planned(head: Head, mapping: MappingFile | None) -> Planned:
     """The plan for a file by the mapping file, or by its own names, or as the preset says that recognises it;
     with the head that it is for, and the mapping file with the columns that were found by their heads. Raises
     LogError."""
@@ -56,12 +58,36 @@ def planned(head: Head, mapping: MappingFile | None) -> tuple[Head, MappingFile 
             return head, mapping, file_plan(head, mapping)
         except LogError as error:
             preset = recognised((*head.above, str(head.dialect.delimiter).join(head.names)))
-            if error.mapping is None or preset is None or (mapping and mapping.names_columns):
+            if error.mapping is None or (mapping and mapping.names_columns):
                 raise
+            if preset is None:
+                return _by_heads(mapping, error)
             mapping = with_preset(mapping, preset)
-    head, mapping, notes = completed(head, mapping)
+    return _found(*completed(head, mapping))
+
+
+def _by_heads(mapping: MappingFile | None, error: LogError) -> Planned:
+    """The plan for a file without a response by the contract's names, where a mapping file that is drafted
+    from its heads leaves nothing open but what is taken as usual. Raises the error."""
+    if not isinstance(error, NoResponse):
+        raise error
+    try:
+        return _found(*as_drafted(error.head, mapping, str(error.mapping)))
+    except LogError:
+        raise error from None
+
+
+def _found(head: Head, mapping: MappingFile, notes: Iterable[str], usual: tuple[str, ...]) -> Planned:
+    """The plan for columns that were found by their heads, with what is said of them, and of what is taken as
+    `usual`."""
     plan = file_plan(head, mapping)
-    return head, mapping, dataclasses.replace(plan, notes=(*plan.notes, *notes))
+    driven = plan.sources.keys() & {*units.DRIVES}
+    told = [said for key, said in TAKEN.items() if key in usual and (driven or key != "amplitude")]
+    return (
+        head,
+        mapping,
+        dataclasses.replace(plan, notes=(*plan.notes, *notes), warnings=(*plan.warnings, *told), taken=usual),
+    )
 
 
 def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
@@ -294,5 +320,5 @@ def _check_understood(head: Head, sources: dict[str, Source]) -> None:
         if not sources.keys() & {"time", "frequency", *units.DRIVES}:
             raise not_understood(head, "neither time, frequency nor drive", "time_s or frequency_Hz at least")
         return
-    found = " and ".join(sorted(response)) or "no response"
+    found = " and ".join(sorted(response)) or NONE
     raise not_understood(head, found, "columns such as wd_um and wq_um, or w_um alone")

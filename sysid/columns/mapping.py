@@ -246,12 +246,13 @@ class MappingFile:
             if key in given and not phased
         ]
         why = "that of a waveform is known" if waveform else "an amplitude has no phase"
+        told = given.get("quantity") not in RATIOS and plan.sources.keys() & {"x", "phase"}  # by the rows
         return replace(
             plan,
             split=plan.split if split is None else self._position("split_by", split, head),
             rows=given.get("rows"),
             quantity=given.get("quantity", "displacement"),
-            phase_sign=given.get("phase_sign", 1) if phased else 1,
+            phase_sign=given.get("phase_sign", 0 if told else 1) if phased else 1,
             phase_offset=math.radians(given.get("phase_offset_deg", 0.0)),
             notes=(*plan.notes, *(f"{key} of {self.path} is not used: {why}" for key in spare)),
         )
@@ -361,7 +362,8 @@ class MappingFile:
             known = "phase_sign" in self.options or self.options.get("quantity") in RATIOS
             if not known and sources.keys() & {"x", "phase"}:
                 notes.append(
-                    f"the phase is taken as that of e^(+j omega t): {self.path} does not say phase_sign"
+                    "the phase is taken as that of e^(+j omega t), or of its conjugate where it rises with"
+                    f" the frequency: {self.path} does not say phase_sign"
                 )
         return tuple(notes)
 

@@ -45,10 +45,11 @@ class Plan:
     split: int | None = None
     rows: Any = None
     quantity: str = "displacement"
-    phase_sign: int = 1
+    phase_sign: int = 1  # 0: that by which the phase falls with the frequency
     phase_offset: float = 0.0  # rad
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    taken: tuple[str, ...] = ()  # what a mapping file may say, and nothing does: taken as usual
 
 
 def per_drive(unit: str) -> tuple[str, str] | None:

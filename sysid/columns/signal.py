@@ -25,7 +25,7 @@ def lock_in(
     """Wd + jWq and its unit from s = X + jY (or W from |s|, when `signal` is real), as the module's docstring
     says. `drive`: its values (n,) and their unit."""
     complete = np.iscomplexobj(signal)
-    signal = turned(signal, plan) if complete else signal
+    signal = turned(signal, plan, frequency) if complete else signal
     if plan.quantity == "impedance":
         signal, unit = _inverted(units.convert(signal, unit, "ohm"), where), "S"
     elif plan.quantity in SCATTERED:
@@ -80,11 +80,27 @@ def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:
     return 1 / impedance
 
 
-def turned(signal: np.ndarray, plan: Plan) -> np.ndarray:
+FEW = 6  # rows, of which fewer tell no circle: it has four numbers, and where it begins and ends
+
+
+def turned(signal: np.ndarray, plan: Plan, frequency: np.ndarray | None = None) -> np.ndarray:
     """A complex signal, or Wd + jWq, with the sign of its phase and what is added to it as the mapping file
-    says."""
-    signal = np.conj(signal) if plan.phase_sign < 0 else signal
+    says; where it does not say the sign, that by which the phase falls with the frequency, as it does where a
+    response comes after its drive."""
+    rises = frequency is not None and not plan.phase_sign and _area(signal, frequency) > 0
+    signal = np.conj(signal) if rises or plan.phase_sign < 0 else signal
     return signal * np.exp(1j * plan.phase_offset) if plan.phase_offset else signal
+
+
+def _area(signal: np.ndarray, frequency: np.ndarray) -> float:
+    """Twice the area that a signal goes round counter-clockwise as the frequency goes up, closed by a chord:
+    a resonance goes round clockwise, wherever the origin is. 0 at one frequency, and of few rows."""
+    known = np.isfinite(signal) & np.isfinite(frequency)
+    at, s = frequency[known], signal[known]
+    if len(at) < FEW or np.ptp(at) == 0:
+        return 0.0
+    s = s[np.argsort(at, kind="stable")]
+    return float(np.sum((s.conj() * np.roll(s, -1)).imag))
 
 
 def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:

@@ -10,6 +10,17 @@ from sysid.tables.cells import Dialect, listed
 from sysid.tables.csvfile import Head, LogError, read_head
 
 
+class NoResponse(LogError):
+    """Of a file none of whose columns is a response by the contract's names; with the `head` of its draft."""
+
+    def __init__(self, message: str, head: Head) -> None:
+        super().__init__(message, drafted(head))
+        self.head = head
+
+
+NONE = "no response"
+
+
 def not_understood(head: Head, found: str, expected: str) -> LogError:
     """What to say of a file whose columns are not known: what was found, what was expected, and a mapping
     file to begin with."""
@@ -30,7 +41,8 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
     if first in (";", "/", "*"):  # it looks like another comment mark
         with contextlib.suppress(LogError):
             head = read_head(head.path, Dialect(comment=(first,)))
-    return LogError(f"{path}: found {found} ({names}), expected {expected}", drafted(head))
+    message = f"{path}: found {found} ({names}), expected {expected}"
+    return NoResponse(message, head) if found == NONE else LogError(message, drafted(head))
 
 
 def drafted(head: Head) -> str:

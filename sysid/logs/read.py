@@ -16,7 +16,7 @@ from sysid.columns.metadata import metadata_number, stated
 from sysid.columns.owntimes import at_one_time
 from sysid.columns.plan import ERRORS, Plan, Source
 from sysid.columns.signal import decode, is_analysed, lock_in, turned
-from sysid.columns.unknown import not_understood
+from sysid.columns.unknown import drafted, not_understood
 from sysid.demodulation.waveform import from_samples, sample_times, uneven
 from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.copies import once
@@ -47,6 +47,7 @@ POSSIBLE = {
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
 NO_MAGNITUDE = 'a magnitude of 0 or more; is it in dB? then say unit = "dB"; of what has a sign, call it w'
+WIDE = 1.2  # a ratio of frequencies, by which the gains of a displacement and of its velocity differ
 DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 
@@ -155,6 +156,8 @@ def log_of(
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
         frequency, driven = inputs.get("frequency"), (drive, drive_unit)
+        if frequency is not None:
+            _refuse_open(head, plan, frequency)
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, frequency, driven)
         fields["std"] = errors(head.path, plan, arrays, stated_errors, frequency, driven)
     for array in fields.values():
@@ -177,6 +180,20 @@ def log_of(
         )
     celsius = "temperature" in plan.sources and plan.sources["temperature"].unit == "degC"
     return doubted(within(log), celsius)
+
+
+def _refuse_open(head: Head, plan: Plan, frequency: np.ndarray) -> None:
+    """What is taken as usual, and makes a difference at these frequencies (n,): LogError with a mapping
+    file."""
+    at = frequency[frequency > 0]
+    low, high = (float(np.min(at)), float(np.max(at))) if len(at) else (0.0, 0.0)
+    found, expected = f"found a signal from {low:.6g} to {high:.6g} Hz", ""
+    if "quantity" in plan.taken and high > WIDE * low:
+        expected = "quantity: over so wide a sweep a displacement and a velocity differ by more than a gain"
+    if "phase_sign" in plan.taken and high == low:
+        expected = "phase_sign: at one frequency nothing shows which way the phase turns"
+    if expected:
+        raise LogError(f"{head.path}: {found}, expected a mapping file that says {expected}", drafted(head))
 
 
 def _kept(
