@@ -500,10 +500,24 @@ def test_both_parts_of_a_signal_are_read(save, head):
     np.testing.assert_allclose(log.response, W, rtol=1e-11)
 
 
-@pytest.mark.parametrize("head", ["f (Hz),Q (um),D (um)", "f (Hz),A (V),B (V)"])
+@pytest.mark.parametrize("head", ["f (Hz),Q (um),D (um)", "f (Hz),Response_q_(um),Response_d_(um)"])
+def test_d_and_q_behind_the_same_words_are_the_response(save, head):
+    """Of the second the first column alone was taken for an amplitude, or for samples of a carrier."""
+    (log,) = read_logs(save(table(head, F, W.imag, W.real)))
+    np.testing.assert_allclose(log.response, W, rtol=1e-12)
+
+
+@pytest.mark.parametrize("head", ["f (Hz),A (V),B (V)"])
 def test_one_of_two_signed_columns_is_not_taken_for_the_whole(save, head):
     text = draft_of(save(table(head, F, *re_im(S))))
     assert "no column is known to be the response" in text
+    refused(save(table(head, F, *re_im(S))), "found no response")
+
+
+@pytest.mark.parametrize("head", ["Time (s),ax (m/s^2),ay (m/s^2)", "Time (s),Pump (%),Valve (%),Level (cm)"])
+def test_of_several_signals_none_is_read_without_being_named(save, head):
+    noise = np.random.default_rng(0).standard_normal((head.count(","), len(F)))
+    refused(save(table(head, 0.1 * np.arange(len(F)), *noise)), "found no response")
 
 
 @pytest.mark.parametrize(

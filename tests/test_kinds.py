@@ -110,3 +110,67 @@ def test_nothing_is_called_noise_or_frequency_of_a_log_that_is_not_described():
     fit = sysid.fit(logs)
     assert fit.result is sysid.Result.misfit
     assert all(p.value is None and "noise" not in (p.why or "") for p in fit.parameters.values())
+
+
+@pytest.mark.parametrize("dwell", [0.08, study(0.28)])
+@seeds(1, 4)
+def test_a_fast_sweep_of_amplitudes_that_begins_settled_is_told_by_its_dwell(seeds, dwell):
+    """The plate is integrated point by point, from where it had settled; taken as from rest, G was 14 of its
+    errors off and a second resonance beside it, "fitted"."""
+    G, tau, f0, f = 0.042, 3e-3, 25310.0, np.arange(25600.0, 25000.0, -0.6 if dwell < 0.1 else -2.0)
+    own = np.sqrt((2 * np.pi * f0) ** 2 - tau**-2)  # of both poles, in the frame of each point
+    slow, fast = -1 / tau + 1j * (own - 2 * np.pi * f), -1 / tau - 1j * (own + 2 * np.pi * f)
+    push = 40.0 * G * 2 * np.pi * f0 / (tau * own)
+    z = [-push / slow[0]]
+    for pole in slow:
+        z.append((z[-1] + push / pole) * np.exp(pole * dwell * tau) - push / pole)
+    w = np.abs(np.array(z[1:]) + push / fast)
+    for seed in seeds:
+        noise = 0.003 * np.random.default_rng(seed).standard_normal((2, len(f))).T @ [1, 1j]
+        log = sysid.Log("fast", np.abs(w + noise), frequency=f, drive=np.full(len(f), 40.0))
+        fit = sysid.fit([log])
+        assert [(x.key, x.outcome) for x in fit.findings if x.outcome == "fitted"] == [("dwell", "fitted")]
+        assert fit.findings[0].numbers["dwell_s"].value == pytest.approx(dwell * tau, rel=0.05)
+        for name, truth in (("G", G), ("tau", tau), ("f0", f0)):
+            assert abs(fit.parameters[name].value - truth) < 4 * fit.parameters[name].std, name
+
+
+def test_an_oven_whose_loss_grows_is_called_that():
+    """dz/dt = (G u - z (1 + 0.15 z/72))/tau, by 0, 12, 24 and 8 V. What no linear plant follows was noise of long
+    memory, with G ten of its errors off."""
+    G, tau, dt = 3.0, 500.0, 10.0
+    drive = np.repeat([0.0, 12.0, 24.0, 8.0], [30, 190, 190, 190])
+    z = [0.0]
+    for u in np.repeat(drive[:-1], 100):  # a hundred steps of Euler a row are off by 1e-4 of what they move
+        z.append(z[-1] + dt / 100 * (G * u - z[-1] * (1 + 0.15 * z[-1] / 72)) / tau)
+    noise = 0.06 * np.random.default_rng(0).standard_normal(len(drive))
+    log = sysid.Log("oven", 21 + np.array(z[::100]) + noise, time=dt * np.arange(len(drive)), drive=drive,
+                    response_unit="degC")  # fmt: skip
+    fit = sysid.fit([log])
+    (found,) = (x for x in fit.findings if x.outcome == "refused")
+    assert found.key == "amplitude_damping" and found.numbers["more"].value > 0
+    assert fit.result is sysid.Result.misfit
+
+
+def test_what_leaves_f0_open_is_why_it_is_not_told():
+    """A sweep wide enough, up and back, whose resonance falls by a bandwidth meanwhile: it was to be recorded
+    wider."""
+    f = np.concatenate([np.arange(25110.0, 25510.0, 4.0), np.arange(25510.0, 25110.0, -4.0)])
+    f0 = 25310 - 60 * np.linspace(0, 1, len(f))
+    x = 2 * np.pi * (f0 - f) * 3e-3
+    noise = 0.004 * np.random.default_rng(0).standard_normal((2, len(f))).T @ [1, 1j]
+    log = sysid.Log("ud", 0.042 * 40 / (1 - 1j * x) + noise, frequency=f, drive=np.full(len(f), 40.0))
+    fit = sysid.fit([log])
+    assert [x.key for x in fit.findings if x.outcome == "fitted"] == ["f0_drift"]
+    assert "cannot tell, because what was found (f0 drift) leaves it open" in fit.parameters["f0"].why
+    assert fit.parameters["tau"].value == pytest.approx(3e-3, rel=0.02)
+
+
+def test_a_peak_of_impedance_is_no_low_pass():
+    """A voice coil: Z of 6 ohm, 0.5 mH and a motion at 62 Hz, whose admittance has a dip there. A low-pass that
+    leaves half of it described "the sweep"."""
+    f = np.geomspace(10, 400, 200)
+    z = 6 + 2j * np.pi * f * 5e-4 + 31 / (1 + 4j * (f / 62 - 62 / f))
+    noise = 0.002 * np.random.default_rng(0).standard_normal((2, len(f))).T @ [1, 1j]
+    log = sysid.Log("woofer", (1 / z + noise / 6) / (2 * np.pi * f), frequency=f, drive=np.ones(len(f)))
+    assert not any(x.numbers for x in sysid.fit([log]).findings if x.key == "overdamped")

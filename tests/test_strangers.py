@@ -7,6 +7,7 @@ import pytest
 from refusal import draft_of, refused
 from test_drafts import F, S, table
 
+import sysid
 from sysid.logs.read import read_logs
 
 X, Y, LEVEL = S.real, S.imag, 0 * F
@@ -232,3 +233,21 @@ def test_numbers_between_their_names_and_their_units(save):
     assert log.frequency.tolist() == F.tolist() and log.response.tolist() == (1j * S).tolist()
     refused(save(text.replace("wd", "w", 1)), "expected columns")
     refused(save(text.replace(f"{F[20]} Hz", f"{F[20]} kHz")), "line 21", "kHz")
+
+
+def test_samples_of_a_carrier_under_plain_heads_are_asked_about(save):
+    """They were rows of a plant without a frequency; a sine that drives one is no carrier."""
+    t = 4e-6 * np.arange(4000)
+    carrier, slow = (np.sin(2 * np.pi * f * t) for f in (25310.0, 500.0))
+    for drive, asked in ((carrier, True), (slow, False)):
+        (log,) = read_logs(save(table("time_s,voltage_V,w_um", t, 40 * drive, 0.3 * np.roll(drive, 3))))
+        assert any("samples of a carrier" in said for said in log.warnings) is asked
+
+
+def test_a_decay_in_decibels_has_noise_of_one_level(save):
+    """|2 e^(-t/tau) + noise| nm as 20 log10: the noise is of the sensor, and no share of what is left."""
+    t, rng = 2e-5 * np.arange(300), np.random.default_rng(0)
+    w = np.abs(2000 * np.exp(-t / 9e-4) + 4 * rng.standard_normal((2, 300)).T @ [1, 1j])
+    fit = sysid.fit(read_logs(save(table("Time [ms],Level [dB re 1 nm]", 1e3 * t, 20 * np.log10(w)))))
+    assert fit.result is sysid.Result.successful
+    assert abs(fit.parameters["tau"].value - 9e-4) < 4 * fit.parameters["tau"].std < 1e-5

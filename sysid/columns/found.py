@@ -12,6 +12,7 @@ from sysid.columns.labels import SCATTERING
 from sysid.columns.mapfile import RESPONSES, checked
 from sysid.columns.mapping import MappingFile
 from sysid.columns.preset import PREFIX, Preset, named
+from sysid.columns.roles import rivals
 from sysid.columns.survey import Columns
 from sysid.tables import layout, units
 from sysid.tables.cells import Dialect, listed
@@ -47,13 +48,15 @@ def as_drafted(head: Head, mapping: MappingFile | None, draft: str) -> Found:
     head that it is for. Raises LogError where the draft leaves more open than what is taken as usual."""
     found = tomllib.loads(draft)
     usual = tuple(key for key in USUAL if found.get(key) == "?" and not (mapping and key in mapping.options))
-    words = {word for label in Columns(head).labels for word in label.words}
+    columns = Columns(head)
+    words = {word for label in columns.labels for word in label.words}
     usual = tuple(
         key for key in usual if key != "quantity" or not words & SCATTERING
     )  # S is no response as it stands
     options = {key: value for key, value in found.items() if key not in usual}
     options |= mapping.options if mapping else {}
-    if not head.dialect.header or found.get("kind") == "waveform" or any(v == "?" for _, v in _said(options)):
+    open_ = rivals(columns) or any(value == "?" for _, value in _said(options))
+    if open_ or not head.dialect.header or found.get("kind") == "waveform":
         raise LogError(f"{head.path}: its heads do not tell all that is needed", draft)
     drafted = checked(BY_HEADS, options)
     named = (f"{entry['column']!r} as {name}" for name, entry in drafted.options["columns"].items())

@@ -48,6 +48,8 @@ SAY_NOTHING = {
     "values",
     "formatted",
 }  # of what a trace is
+# of one signal in one unit, else: a current is no part of a signal in V
+LETTER_PAIRS = {("i", "q"): ("x", "y"), ("cos", "sin"): ("x", "y"), ("d", "q"): ("wd", "wq")}
 _PAIRS = (("wd", "wq"), ("x", "y"), ("magnitude", "phase"))
 
 
@@ -125,11 +127,20 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
         found["w"] = one
     unit = columns.shows(found["w"])
     derivative = any(unit and units.same_kind(unit, kind) for kind in ("m/s", "m/s^2", "A"))
-    if "frequency" in found and not columns.is_signed(found["w"]) and ("w" not in guessed or derivative):
+    phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]
+    as_magnitude = "w" not in guessed or derivative or len(phases) == 1
+    if "frequency" in found and not columns.is_signed(found["w"]) and as_magnitude:
         found["magnitude"] = found.pop("w")
-        phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]
         found |= {"phase": phases[0]} if len(phases) == 1 else {}
     return found
+
+
+def rivals(columns: Columns) -> list[int]:
+    """Other columns that may be the response as well as the one that is taken for it alone, an amplitude or a
+    signal."""
+    found = lone_signal(columns, roles(columns))
+    alone = {"w", "magnitude"} & found.keys() and "phase" not in found
+    return _left(columns, found) if alone else []
 
 
 def _are_parts(columns: Columns, found: Mapping[str, int], left: list[int]) -> bool:
@@ -246,10 +257,11 @@ def _named(columns: Columns) -> dict[str, list[int]]:
     }:  # a level, or a heater's power, over time is what it is called
         called = [k for k in found.pop("magnitude", ()) if columns.labels[k].part]
         found |= {"magnitude": called} if called else {}
-    for pair in (("i", "q"), ("cos", "sin")):  # of one unit: a current is no part of a signal in V
-        both = [[k for k, label in enumerate(columns.labels) if label.words == (word,)] for word in pair]
-        if [len(of) for of in both] == [1, 1] and columns.unit(both[0][0]) == columns.unit(both[1][0]):
-            found |= {"x": both[0], "y": both[1]} if not found.keys() & {"x", "y"} else {}
+    for pair, names in LETTER_PAIRS.items():
+        both = [[k for k, label in enumerate(columns.labels) if label.words[-1:] == (word,)] for word in pair]
+        alike = {(columns.unit(k), columns.labels[k].words[:-1]) for of in both for k in of}
+        if [len(of) for of in both] == [1, 1] and len(alike) == 1 and not found.keys() & {*names}:
+            found |= dict(zip(names, both, strict=True))
     dated = next((k for k, name in enumerate(columns.head.names) if not name and columns.head.dated(k)), None)
     found |= {"time": [dated]} if "time" not in found and dated is not None else {}  # an index without a name
     for name in ("time", "frequency"):

@@ -118,8 +118,8 @@ def is_waveform(head: Head) -> bool:
     kind = stated(head.metadata, "kind")
     if kind:
         return kind.casefold() == "waveform"
-    words = {first_word(label) for label in head.names}
-    return {"drive", "response"} <= words and not words & {"w", "wd", "wq"}
+    words = [first_word(label) for label in head.names]
+    return "drive" in words and words.count("response") == 1 and not {*words} & {"w", "wd", "wq"}
 
 
 def first_word(label: str) -> str:

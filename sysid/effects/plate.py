@@ -153,7 +153,8 @@ def _amplitude_damped(power: int) -> Effect:
     def shows(trial: Trial) -> bool:
         if trial.steady:
             return sweep(trial) and trial.whole is None
-        seen = trial.resonant or not trial.driven  # else it may be driven beside its resonance
+        level = trial.signed and not np.iscomplexobj(trial.log.response)  # a heater's, a motor's: no phase
+        seen = trial.resonant or not trial.driven or level  # else it may be driven beside its resonance
         return seen and len(trial.log) >= LEAST_ROWS and trial.log.theta is None
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:

@@ -27,6 +27,7 @@ DIGITS = 1e-4  # of what a channel shows, which four digits leave open
 QUARTILE = 0.3186  # of the size of a normal number of unit variance, which a quarter of them does not reach
 QUARTER = 0.5 * np.pi  # rad
 OPPOSITE = 0.5  # of the power of a signal, of which most then repeats itself with its sign turned
+CYCLES = 50  # as many as a burst of a resonator lasts, and no sine by which a plant of first order is told
 ROUNDED = 1e-3  # rad, of phases in degrees of one decimal
 THERE = 0.1  # of the largest response: of less a phase may be noise
 
@@ -38,7 +39,7 @@ def doubted(log: "Log", celsius: bool = True) -> "Log":
     are the oscillation itself, or driven at 0 Hz."""
     _refuse_oscillation(log)
     _refuse_direct(log)
-    return _kelvin(_kilohertz(_recorded(_ready(log))), celsius)
+    return _kelvin(_kilohertz(_recorded(_ready(_carrier(log)))), celsius)
 
 
 def unfolded(name: str, plan: Plan, arrays: MutableMapping[str, tuple[np.ndarray, str]]) -> Plan:
@@ -131,21 +132,40 @@ def _refuse_oscillation(log: "Log") -> None:
     """Raise LogError where an undriven signal swings about zero: its rows are the oscillation itself, not its
     amplitude.
 
-    At half a period's lag it is its own opposite, and at a whole one itself; what decays without a frequency
-    passes through zero once at most, so that twice a lag of opposites is a lag of more of them."""
-    signal = log.response.real
+    What decays without a frequency passes through zero once at most."""
     undriven = log.amplitude_only and log.frequency is None and log.drive is None and log.kind != "steady"
-    if not undriven or len(log) < LEAST or not np.any(signal < 0):
-        return
-    spectrum = np.abs(np.fft.rfft(signal, 2 * len(signal))) ** 2  # padded, so that no end meets a beginning
-    alike = np.fft.irfft(spectrum)[: len(signal)]
-    half = np.arange(1, (len(signal) + 1) // 2)
-    if np.any((alike[half] < -OPPOSITE * alike[0]) & (alike[2 * half] > OPPOSITE * alike[0])):
+    if undriven and len(log) >= LEAST and _period(log.response.real):
         found = (
             "found a w that swings about zero, without drive or frequency: the oscillation, of whatever it is"
         )
         do = "its amplitude over time (of any quantity it tells tau), or the samples of drive and response"
         raise LogError(f"{log.path or log.name}: {found}; expected {do}, as kind: waveform")
+
+
+def _carrier(log: "Log") -> "Log":
+    """With a warning where drive and response of a transient without a frequency swing about zero together,
+    so often that a plant of first order would hardly be driven so."""
+    if log.kind == "steady" or log.frequency is not None or log.drive is None or not log.amplitude_only:
+        return log
+    periods = [_period(x) for x in (log.drive, log.response.real)]
+    often = all(periods) and len(log) > CYCLES * max(periods)
+    if not often or abs(periods[0] - periods[1]) > 1:
+        return log
+    said = f"drive and response swing about zero together, every {periods[0]} rows: are they samples of a"
+    then = f"carrier? then say kind: waveform, with the response as response_{log.response_unit}"
+    return _warned(log, f"{said} {then}")
+
+
+def _period(signal: np.ndarray) -> int:
+    """Rows after which a signal that swings about zero is itself again, and halfway its own opposite; 0 of
+    any other."""
+    if not np.any(signal < 0):
+        return 0
+    spectrum = np.abs(np.fft.rfft(signal, 2 * len(signal))) ** 2  # padded, so that no end meets a beginning
+    alike = np.fft.irfft(spectrum)[: len(signal)]
+    half = np.arange(1, (len(signal) + 1) // 2)
+    swings = (alike[half] < -OPPOSITE * alike[0]) & (alike[2 * half] > OPPOSITE * alike[0])
+    return 2 * int(half[np.argmax(swings)]) if swings.any() else 0
 
 
 def _recorded(log: "Log") -> "Log":

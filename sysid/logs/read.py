@@ -172,7 +172,10 @@ def log_of(
         sha256=body.sha256,
         temperature_digit=digit,
         relative_noise=not stated_errors
-        and (is_analysed(plan) or any(is_decibel(s.unit) for s in plan.sources.values())),
+        and (
+            is_analysed(plan)
+            or ("frequency" in inputs and any(is_decibel(s.unit) for s in plan.sources.values()))
+        ),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(

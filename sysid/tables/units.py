@@ -109,7 +109,7 @@ _FULL = {
     "percent": "%",
     "sekunde": "s", "sekunden": "s", "seconde": "s", "segundo": "s", "secondo": "s", "secondi": "s",
     "minute": "min", "minuten": "min", "hour": "h", "stunde": "h", "stunden": "h", "degree": "deg",
-    "deg": "deg",
+    "deg": "deg", "grad": "deg",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
 _DEGREES = re.compile(r"(?:deg(?:rees?)?\.?|[°º˚o])\s*([CF])", re.IGNORECASE)  # deg C, ° C, ºC, oC

@@ -133,7 +133,8 @@ class Trial(Record):
             return False
         if self.from_rest:  # one that moves, or is off zero: of real rows the offset is told by that alone
             return bool(np.iscomplexobj(self.log.response))
-        return self.signed or abs(self.log.response[0]) > 0.2 * self.scale
+        amid = self.resonant and self.driven and self.inputs.drive[0] != 0 and np.ptp(self.log.frequency) > 0
+        return self.signed or bool(amid) or abs(self.log.response[0]) > 0.2 * self.scale
 
     @cached_property
     def begun(self) -> bool:

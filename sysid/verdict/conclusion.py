@@ -68,7 +68,8 @@ def conclude(
     `hung`; `judged` unless that is known."""
     best, free = states[0], question.minimiser.free
     fit = _fit(question, states)
-    fit = replace(fit, lone=lone.resting(best, question.minimiser.reference, free, fit.reference_temperature))
+    alone = lone.resting(best, question.minimiser.reference, free, fit.reference_temperature)
+    fit = replace(fit, lone=alone, findings=tuple(question.effects))
     judged = judged or _judged(question, best, fit.reference_temperature, "late" in hung)
     wrong, doubts = judged.wrong, judged.doubts
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := recorder.coarse(t))]

@@ -1,6 +1,7 @@
 """Which parameters a fit determines, with which error, and why not the others."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,11 +39,23 @@ def parameter(
     state = fit.modes[0]
     modes = _modes(fit, name) if state.converged else ()
     said = identify.why(name, state.trials, state.tau, fit.names, len(modes) if state.converged else 1)
+    if not modes and (spanned := _spanned(fit, name)):
+        said = f"cannot tell, because what was found ({spanned}) leaves it open; do what the warnings ask for"
     if not state.converged:
         said = f"{said} (the fit did not converge)"
     elif name in fit.priors and not _told(fit, name):
         said = f"{said} (what is stated of it beforehand is not what the logs tell)"
     return Parameter(None, None, None, fit.units[name], False, said, modes)
+
+
+def _spanned(fit: Fit, name: str) -> str:
+    """What was found besides the plate, where the logs would determine a parameter but for what that leaves
+    open; else ""."""
+    names = [f.key.replace("_", " ") for f in fit.findings if f.outcome in ("fitted", "widened")]
+    state = fit.modes[0]
+    certain = replace(fit, modes=(replace(state, dispersion=np.zeros_like(state.dispersion)), *fit.modes[1:]))
+    told = names and np.any(state.dispersion) and informed(certain, name, *alone(certain, name))
+    return " and ".join(dict.fromkeys(names)) if told else ""
 
 
 def _for_its_peak(fit: Fit, name: str) -> bool:

@@ -17,12 +17,13 @@ from sysid.trials.trial import numbers_taken
 
 TRIED = 200  # of tau, between which there is no more than one minimum
 BEYOND = 30.0  # times the reciprocal of all frequencies, where a tau shows in none of them
+SMOOTH = 0.01  # of the power, a tenth of the response: beside a plant of two poles the nearest leaves less
 EXACT = 1e-24  # of the rows' sum of squares, less than which a residual has is rounding
 
 
 def low_pass(state: State, free: int) -> dict[str, Number] | None:
     """G and tau of such a plant in sweeps; None where what fitted them best, by `free` numbers and the
-    nuisances', describes them better (by BIC; Schwarz, Ann. Statist. 6, 461, 1978)."""
+    nuisances', describes them better (by BIC; Schwarz, Ann. Statist. 6, 461, 1978), or neither does."""
     trials = state.trials
     alike = len({t.signed for t in trials}) == 1
     if not (alike and all(t.steady and t.driven and t.resonant for t in trials)):
@@ -32,7 +33,7 @@ def low_pass(state: State, free: int) -> dict[str, Number] | None:
     columns = rows.columns(log_tau)
     count, numbers = rows.reals, len(columns)
     more = free + sum(numbers_taken(t) for t in trials) - numbers
-    if count * np.log(left / rows.known) > more * np.log(count):
+    if count * np.log(left / rows.known) > more * np.log(count) or rows.smooth(log_tau) > SMOOTH:
         return None
     std = np.sqrt(np.diag(np.linalg.inv(columns @ columns.T)) * left / (count - numbers))
     gain, tau, log = abs(rows.gain(log_tau)), np.exp(log_tau), trials[0].log
@@ -87,6 +88,13 @@ class _Sweeps(NamedTuple):
     def left(self, log_tau: float) -> float:
         """The sum of squares beside it."""
         return float(np.sum(np.abs(self.response - self.gain(log_tau) * self.shape(log_tau)) ** 2))
+
+    def smooth(self, log_tau: float) -> float:
+        """The share of the power that is left from row to row alike, which is no noise: of even noise half of
+        the mean square of its steps is its own."""
+        r = self.response - self.gain(log_tau) * self.shape(log_tau)
+        alike = np.sum(np.abs(r) ** 2) - 0.5 * np.sum(np.abs(np.diff(r)) ** 2)
+        return float(alike / np.sum(np.abs(self.response) ** 2))
 
     def best(self) -> tuple[float, float]:
         """log tau, and the sum of squares there, which is the least."""
