@@ -135,8 +135,10 @@ def _with_effects(
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
         if anew.result is Result.successful or _tells(anew, found):
             return again, anew, True
-    if judged.apart:
-        return question, found, False
+    if judged.apart and not (outcome.surely and outcome.described):  # likelier than plates of their own
+        alike = outcome.named.findings("noted", "which is about as likely") if outcome.described else ()
+        warnings = (*found.warnings, *(f.sentence for f in alike))
+        return question, replace(found, findings=(*found.findings, *alike), warnings=warnings), False
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     most = outcome.named if outcome.surely or (found.result is Result.misfit and not surely) else None

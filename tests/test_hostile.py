@@ -87,7 +87,7 @@ def plain_law():
     return texts(controller.design(standin.posterior([standin.fitted("plain.csv")])), "dq_pi.h")[:2]
 
 
-@pytest.mark.parametrize("hostile", [*SEVERAL[:2], *map(study, SEVERAL[2:])], ids=ascii)
+@pytest.mark.parametrize("hostile", [*map(study, TEXTS)], ids=ascii)
 def test_what_a_run_prints_and_writes(tmp_path, hostile, plain_law):
     (log,) = read_logs(log_file(tmp_path, hostile))
     one = standin.fitted(log.name, metadata=log.metadata, notes=log.notes)

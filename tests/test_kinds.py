@@ -174,3 +174,19 @@ def test_a_peak_of_impedance_is_no_low_pass():
     noise = 0.002 * np.random.default_rng(0).standard_normal((2, len(f))).T @ [1, 1j]
     log = sysid.Log("woofer", (1 / z + noise / 6) / (2 * np.pi * f), frequency=f, drive=np.ones(len(f)))
     assert not any(x.numbers for x in sysid.fit([log]).findings if x.key == "overdamped")
+
+
+def test_of_sweeps_whose_force_is_the_square_of_the_voltage_that_is_said():
+    """An electrostatic drive at three levels, a file each: G was to differ from one log to the next by 70 %."""
+    f, rng = np.arange(25100.0, 25520.0, 10.0), np.random.default_rng(0)
+    w = 1e-3 / (1 - 2j * np.pi * (25310 - f) * 3e-3)
+    logs = [
+        sysid.Log(f"{v:.0f} V", v**2 * w + 0.01 * rng.standard_normal((2, len(f))).T @ [1, 1j], frequency=f,
+                  drive=np.full(len(f), v)) for v in (10.0, 20.0, 40.0)
+    ]  # fmt: skip
+    (found,) = (
+        x for x in sysid.fit(logs).findings if x.key == "drive"
+    )  # beside three plates, if not before them
+    assert (
+        len(found.logs) == 3 and abs(found.numbers["power"].value - 2) < 4 * found.numbers["power"].std < 0.1
+    )

@@ -85,6 +85,7 @@ SLOPE = Effect(
         and trial.driven
         and "background" in trial.nuisances
         and trial.tuned >= SLOPED
+        and np.ptp(trial.log.frequency) > 0  # measured ones may be one that flickers
     ),
     stds=lambda trial, about: np.array([SLOPING, SLOPING]),
     starts=lambda trial, about: np.zeros((1, 2)),  # it is linear

@@ -32,10 +32,14 @@ LITTLE = 0.05  # of the rows' information, which is not worth a model of how the
 
 def steps(response: np.ndarray) -> tuple[float, ...]:
     """The steps in which the d and q of a response (n,), or its only channel, are recorded; 0.0 where none
-    show. A channel that hardly moves is taken to have the steps of the other."""
+    show. A channel that hardly moves is taken to have the steps of the other; where neither shows more than
+    two values, the step is from one to the other."""
     rows = response[:: len(response) // ROWS + 1]
-    found = [_step(v) for v in ((rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,))]
-    seen = [s for s in found if s]
+    channels = (rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,)
+    found = [_step(v) for v in channels]
+    seen = [s for s in found if s] or [
+        float(np.ptp(v)) for v in channels if set(found) == {None} and np.ptp(v)
+    ]
     return tuple(float(seen[0] if s is None and seen else s or 0.0) for s in found)
 
 
