@@ -30,7 +30,7 @@ from sysid.verdict.differing import Said, dispersion
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit
 from sysid.verdict.gain_confounding import confounds_gain, tightened, with_feedthroughs
-from sysid.verdict.ownership import owned
+from sysid.verdict.ownership import OTHER, otherwise, owned
 from sysid.verdict.result import Result
 from sysid.verdict.sensor_delay import with_delays
 from sysid.verdict.unexplained import slow
@@ -84,7 +84,24 @@ def fit(
     untold = found.modes[0].converged and not (found.parameters["tau"].determined or other)
     if untold and (told := _of_decays(best, given, found)) is not None:
         return told
+    if found.result is Result.misfit and (told := _read_otherwise(logs, question, given, start)) is not None:
+        return told
     return replace(_widened(question, found, "late" in nuisances), judged=None)
+
+
+def _read_otherwise(
+    logs: Sequence[Log], question: FitProblem, given: Mapping[str, Any], start: Plant | None
+) -> Fit | None:
+    """The fit of logs that are described once they are read the other way than the plate alone decided, which
+    is not all there is to them; else None."""
+    if not question.sampling:
+        return None
+    other = fit(otherwise(logs, question.sampling), start=start, **given)
+    if other.result is Result.misfit:
+        return None
+    names = [(logs[i].name, reading) for i, reading in question.sampling.items()]
+    told = [f"{name}: {wording.owned(OTHER[reading])}" for name, reading in names]
+    return replace(other, warnings=(*told, *other.warnings))
 
 
 def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) -> tuple[str, ...]:
@@ -315,7 +332,7 @@ def _asked(
         states = minimiser.minima(read, start)
     sampled = (wording.sampled(t, log.sampling) for t, log in zip(read, logs, strict=True))
     warnings += [f"{log.name}: {what}" for log, what in zip(logs, sampled, strict=True) if what]
-    read, states, apart, said = owned(minimiser, read, states, logs)
+    read, states, apart, said, sampling = owned(minimiser, read, states, logs)
     warnings += said
     for _ in range(TWICE if any(t.at_one_frequency for t in read) else 1):
         states = _anew(minimiser, states, [with_feedthroughs(s, reference) for s in states])
@@ -326,7 +343,8 @@ def _asked(
         warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
     read = _with_priors(read, states[0].trials)
-    return FitProblem(minimiser, read, stated, reference_temperature, tuple(warnings), apart), states
+    problem = FitProblem(minimiser, read, stated, reference_temperature, tuple(warnings), apart, sampling)
+    return problem, states
 
 
 def _with_thermometers(

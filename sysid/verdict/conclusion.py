@@ -1,7 +1,7 @@
 """What the minima amount to: the plant, what the logs leave open, and whether the model describes them."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -42,6 +42,8 @@ class FitProblem:
     reference_temperature: float  # degC, at which f0 is told if k_T is
     warnings: tuple[str, ...]  # what had to be assumed
     dispersion: np.ndarray  # (6, 6) what readings of the logs that cannot be told apart add to the covariance
+    # of logs of which it is not stated, as the plate alone decided it, by their places
+    sampling: dict[int, str] = field(default_factory=dict)
     effects: tuple[Finding, ...] = ()  # with which the logs are read
     told: float | None = None  # degC, where f0 and k_T are told, about which effects were fitted
 

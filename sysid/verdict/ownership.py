@@ -9,7 +9,7 @@ readings that are equally likely,
     D = (theta_settled - theta_instant) (theta_settled - theta_instant)^T / 4
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -22,24 +22,28 @@ from sysid.rows.hold import hold_inputs, read_at
 from sysid.trials.trial import Trial
 from sysid.verdict import wording
 
+OTHER = {"settled": "instant", "instant": "settled"}
 DECIDED = 5.0  # log-likelihood: odds of 150 to 1
 FINER = 4  # intervals from row to row, in each of which an input that runs on is held
 
 
 class Owned(NamedTuple):
     """The minima with each log as it is read; what both readings of logs that cannot tell add to the
-    covariance (6, 6) of theta; and sentences on what was taken."""
+    covariance (6, 6) of theta; sentences on what was taken; and the `sampling` that the plate alone decided,
+    by the log's place."""
 
     trials: tuple[Trial, ...]
     states: list[State]
     dispersion: np.ndarray
     said: list[str]
+    sampling: dict[int, str]
 
 
 def owned(minimiser: Minimiser, trials: tuple[Trial, ...], states: list[State], logs: Sequence[Log]) -> Owned:
     """How the logs (as they were given) are read whose `sampling` matters and is not stated; `trials` as they
     were read."""
     dispersion, said = np.zeros((len(NAMES), len(NAMES))), []
+    decided: dict[int, str] = {}
     for i, log in enumerate(logs):
         if log.sampling is not None or not _matters(trials[i]):
             continue
@@ -56,7 +60,13 @@ def owned(minimiser: Minimiser, trials: tuple[Trial, ...], states: list[State], 
             trials, states = _with(trials, i, between), minimiser.imaged([best])
         reading = None if abs(gained) <= DECIDED else "settled" if gained > 0 else "instant"
         said.append(f"{log.name}: {wording.owned(reading)}")
-    return Owned(trials, states, dispersion, said)
+        decided |= {} if reading is None else {i: reading}
+    return Owned(trials, states, dispersion, said, decided)
+
+
+def otherwise(logs: Sequence[Log], sampling: Mapping[int, str]) -> list[Log]:
+    """The logs read the other way than was decided."""
+    return [replace(x, sampling=OTHER[sampling[i]]) if i in sampling else x for i, x in enumerate(logs)]
 
 
 def _matters(trial: Trial) -> bool:
