@@ -56,11 +56,16 @@ def as_drafted(head: Head, mapping: MappingFile | None, draft: str) -> Found:
     options = {key: value for key, value in found.items() if key not in usual}
     options |= mapping.options if mapping else {}
     open_ = rivals(columns) or any(value == "?" for _, value in _said(options))
+    inputs = options["columns"].keys() | options.get("constants", {}).keys()
+    open_ = open_ or not inputs & {"time", "frequency", *units.DRIVES}
     if open_ or not head.dialect.header or found.get("kind") == "waveform":
         raise LogError(f"{head.path}: its heads do not tell all that is needed", draft)
     drafted = checked(BY_HEADS, options)
-    named = (f"{entry['column']!r} as {name}" for name, entry in drafted.options["columns"].items())
-    told = f"read by the heads of its columns: {', '.join(named)}; a mapping file (--columns) says otherwise"
+    read = {name: entry["column"] for name, entry in drafted.options["columns"].items()}
+    named = ", ".join(f"{column!r} as {name}" for name, column in read.items())
+    others = [name for k, name in enumerate(head.names) if name and not {k, name} & {*read.values()}]
+    left = f"; not {listed(others)}" if others else ""
+    told = f"read by the heads of its columns: {named}{left}; a mapping file (--columns) says otherwise"
     return joined(head, drafted.dialect), drafted, (told,), usual
 
 

@@ -35,7 +35,7 @@ from sysid.columns.timebase import (
     untimed,
     why_no_time,
 )
-from sysid.columns.unknown import NONE, NoResponse, drafted, not_understood
+from sysid.columns.unknown import NONE, Unnamed, drafted, not_understood
 from sysid.tables import units
 from sysid.tables.cells import SHOWN, amount, listed
 from sysid.tables.csvfile import Head, LogError
@@ -67,9 +67,9 @@ def planned(head: Head, mapping: MappingFile | None) -> Planned:
 
 
 def _by_heads(mapping: MappingFile | None, error: LogError) -> Planned:
-    """The plan for a file without a response by the contract's names, where a mapping file that is drafted
-    from its heads leaves nothing open but what is taken as usual. Raises the error."""
-    if not isinstance(error, NoResponse):
+    """The plan for a file without a response, or an input beside it, by the contract's names, where a mapping
+    file that is drafted from its heads leaves nothing open but what is taken as usual. Raises the error."""
+    if not isinstance(error, Unnamed):
         raise error
     try:
         return _found(*as_drafted(error.head, mapping, str(error.mapping)))
@@ -318,7 +318,7 @@ def _check_understood(head: Head, sources: dict[str, Source]) -> None:
                 f"{head.path}: found the response in the metadata alone, expected a column, such as wd_um"
             )
         if not sources.keys() & {"time", "frequency", *units.DRIVES}:
-            raise not_understood(head, "neither time, frequency nor drive", "time_s or frequency_Hz at least")
+            raise not_understood(head, NONE[1], "time_s or frequency_Hz at least")
         return
-    found = " and ".join(sorted(response)) or NONE
+    found = " and ".join(sorted(response)) or NONE[0]
     raise not_understood(head, found, "columns such as wd_um and wq_um, or w_um alone")

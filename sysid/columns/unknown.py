@@ -10,15 +10,16 @@ from sysid.tables.cells import Dialect, listed
 from sysid.tables.csvfile import Head, LogError, read_head
 
 
-class NoResponse(LogError):
-    """Of a file none of whose columns is a response by the contract's names; with the `head` of its draft."""
+class Unnamed(LogError):
+    """Of a file none of whose columns is a response by the contract's names, or an input beside one; with the
+    `head` of its draft."""
 
     def __init__(self, message: str, head: Head) -> None:
         super().__init__(message, drafted(head))
         self.head = head
 
 
-NONE = "no response"
+NONE = "no response", "neither time, frequency nor drive"
 
 
 def not_understood(head: Head, found: str, expected: str) -> LogError:
@@ -42,7 +43,7 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
         with contextlib.suppress(LogError):
             head = read_head(head.path, Dialect(comment=(first,)))
     message = f"{path}: found {found} ({names}), expected {expected}"
-    return NoResponse(message, head) if found == NONE else LogError(message, drafted(head))
+    return Unnamed(message, head) if found in NONE else LogError(message, drafted(head))
 
 
 def drafted(head: Head) -> str:
