@@ -28,7 +28,7 @@ from sysid.shell import called, reader
 
 if TYPE_CHECKING:
     from sysid.command.clock import Budget, Stages
-    from sysid.posterior.planning import Advised
+    from sysid.posterior.foreseen import Advised
     from sysid.report.canvas import Drawn
 
 
@@ -300,7 +300,8 @@ def _advised(fit: Any, wanted: str | None, rig: Any) -> "Advised | None":
     if wanted is None:
         return None
     import controller
-    from sysid.posterior.planning import Advised, advise
+    from sysid.posterior.foreseen import Advised
+    from sysid.posterior.planning import advise
 
     try:
         return advise(fit, wanted, design=partial(controller.design, rig=rig))

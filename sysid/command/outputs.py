@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sysid.posterior.change import Change
-    from sysid.posterior.foreseen import Raised
-    from sysid.posterior.planning import Advice, Advised
+    from sysid.posterior.foreseen import Advised, Raised
+    from sysid.posterior.planning import Advice
     from sysid.posterior.posterior import Posterior
     from sysid.verdict.comparison import Comparison
     from sysid.verdict.finding import Finding

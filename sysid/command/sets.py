@@ -14,7 +14,7 @@ from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Result
 
 if TYPE_CHECKING:
-    from sysid.posterior.planning import Advised
+    from sysid.posterior.foreseen import Advised
     from sysid.report.canvas import Drawn
 
 

@@ -156,8 +156,7 @@ def log_of(
         fields |= from_samples(head, plan, fields, arrays.get("response"))
     else:
         frequency, driven = inputs.get("frequency"), (drive, drive_unit)
-        if frequency is not None:
-            _refuse_open(head, plan, frequency)
+        _refuse_open(head, plan, frequency)
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, frequency, driven)
         fields["std"] = errors(head.path, plan, arrays, stated_errors, frequency, driven)
     for array in fields.values():
@@ -171,11 +170,7 @@ def log_of(
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=not stated_errors
-        and (
-            is_analysed(plan)
-            or ("frequency" in inputs and any(is_decibel(s.unit) for s in plan.sources.values()))
-        ),
+        relative_noise=not stated_errors and _in_proportion(plan),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(
@@ -185,9 +180,18 @@ def log_of(
     return doubted(within(log), celsius)
 
 
-def _refuse_open(head: Head, plan: Plan, frequency: np.ndarray) -> None:
+def _in_proportion(plan: Plan) -> bool:
+    """Whether noise goes with the response, as of a ratio, and of decibels along a sweep; a decay's is its
+    sensor's."""
+    decibels = any(is_decibel(source.unit) for source in plan.sources.values())
+    return is_analysed(plan) or (decibels and "frequency" in plan.sources)
+
+
+def _refuse_open(head: Head, plan: Plan, frequency: np.ndarray | None) -> None:
     """What is taken as usual, and makes a difference at these frequencies (n,): LogError with a mapping
     file."""
+    if frequency is None:
+        return
     at = frequency[frequency > 0]
     low, high = (float(np.min(at)), float(np.max(at))) if len(at) else (0.0, 0.0)
     found, expected = f"found a signal from {low:.6g} to {high:.6g} Hz", ""

@@ -143,3 +143,16 @@ class Raised(Shown):
         """Whether the promise improves by more than its own uncertainty."""
         worse, better = (self.before, self.after) if self.parameter == "margin" else (self.after, self.before)
         return better > MOVED * worse
+
+
+class Advised(tuple):
+    """Experiments to record next, the best first; `why` there is none, a sentence."""
+
+    why: str = ""
+
+    @classmethod
+    def none(cls, why: str) -> "Advised":
+        """No experiment."""
+        empty = cls()
+        empty.why = why
+        return empty

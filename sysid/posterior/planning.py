@@ -17,7 +17,7 @@ import numpy as np
 from sysid.asked import FIT, every, given, number
 from sysid.logs.log import Log
 from sysid.model.theta import NAMES, PLANT, std_of
-from sysid.posterior.foreseen import PROMISES, Design, Raised, promised
+from sysid.posterior.foreseen import PROMISES, Advised, Design, Raised, promised
 from sysid.posterior.mixture import Mixture
 from sysid.shown import Shown
 from sysid.trials.noise import Level
@@ -142,19 +142,6 @@ class Advice(Shown):
         return self.after < WORTH * self.before
 
 
-class Advised(tuple):
-    """Experiments, `Advice` or `Raised`, the best first; `why` there is none, a sentence."""
-
-    why: str = ""
-
-    @classmethod
-    def none(cls, why: str) -> "Advised":
-        """No experiment."""
-        empty = cls()
-        empty.why = why
-        return empty
-
-
 UNFORESEEN = (
     "no step or sweep can be laid out: no log with a drive and a frequency tells tau well enough to count in"
     " it; record what open parameters ask for"
@@ -191,17 +178,7 @@ def advise(
     given("design", design, Callable | None, "controller.design, or functools.partial of it")
     drive = None if drive is None else number("drive", drive)
     temperatures = None if temperatures is None else every("temperatures", temperatures, Real, "degC")
-    if parameter not in (*PLANT, "worst", *PROMISES):
-        raise ValueError(f"found {parameter!r}, expected one of {', '.join((*PLANT, 'worst', *PROMISES))}")
-    if parameter in PROMISES and design is None:
-        raise ValueError(
-            f"{parameter!r} is promised by a design, and none is given; expected design=controller.design"
-        )
-    if parameter == "k_T" and all(f.log.temperature is None for f in fit.logs):
-        raise ValueError(
-            "found no temperature in any log, expected one where k_T is asked for; record sweeps at two"
-            " temperatures, 10 degC apart, with the temperature of each"
-        )
+    _refuse_asked(fit, parameter, design)
     benches = [b for mode in fit.modes if (b := _Bench.of(replace(fit, modes=(mode,)))) is not None]
     if not benches:
         return Advised.none(UNFORESEEN)
@@ -228,6 +205,21 @@ def advise(
     return Advised(sorted(spread, key=_merit, reverse=True))
 
 
+def _refuse_asked(fit: Fit, parameter: str, design: Design | None) -> None:
+    """What no experiment can be laid out for: ValueError."""
+    if parameter not in (*PLANT, "worst", *PROMISES):
+        raise ValueError(f"found {parameter!r}, expected one of {', '.join((*PLANT, 'worst', *PROMISES))}")
+    if parameter in PROMISES and design is None:
+        raise ValueError(
+            f"{parameter!r} is promised by a design, and none is given; expected design=controller.design"
+        )
+    if parameter == "k_T" and all(f.log.temperature is None for f in fit.logs):
+        raise ValueError(
+            "found no temperature in any log, expected one where k_T is asked for; record sweeps at two"
+            " temperatures, 10 degC apart, with the temperature of each"
+        )
+
+
 def _spread(advice: Advice, benches: "Sequence[_Bench]") -> Advice:
     """What it brings, over the plates that the logs leave possible, whichever of the solutions is true."""
     index = PLANT.index(advice.parameter)
@@ -241,9 +233,8 @@ def _merit(advice: Advice | Raised) -> tuple[bool, float]:
     return advice.settles, advice.rate
 
 
-Judge = Callable[
-    [Experiment, np.ndarray, float], Advice | Raised
-]  # by the information (6, 6) after it, and its seconds
+# by the information (6, 6) after it, and its seconds
+Judge = Callable[[Experiment, np.ndarray, float], Advice | Raised]
 
 
 def _error(bench: "_Bench", parameter: str) -> Judge:
@@ -349,10 +340,8 @@ class _Bench:
         steady = experiment.kind == "sweep"
         kind = "steady" if steady else "transient"
         silent = Trial.of(experiment.log(np.ones(experiment.rows, complex), self.trials[0].log), kind)
-        response, (std, time, levels) = (
-            LogResponse.of(silent, reference, state.theta).forced,
-            self._noise(steady),
-        )
+        response = LogResponse.of(silent, reference, state.theta).forced
+        std, time, levels = self._noise(steady)
         if all(t.log.amplitude_only for t in self.trials):
             response = np.hypot(np.abs(response), std)  # noise lifts an amplitude
         trial = with_noise(replace(silent, log=replace(silent.log, response=response)), std, time, levels)
