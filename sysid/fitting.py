@@ -97,7 +97,7 @@ def _read_otherwise(
     if not question.sampling:
         return None
     other = fit(otherwise(logs, question.sampling), start=start, **given)
-    if other.result is Result.misfit:
+    if other.result is not Result.successful:
         return None
     names = [(logs[i].name, reading) for i, reading in question.sampling.items()]
     told = [f"{name}: {wording.owned(OTHER[reading])}" for name, reading in names]

@@ -37,9 +37,9 @@ def steps(response: np.ndarray) -> tuple[float, ...]:
     rows = response[:: len(response) // ROWS + 1]
     channels = (rows.real, rows.imag) if np.iscomplexobj(rows) else (rows,)
     found = [_step(v) for v in channels]
-    seen = [s for s in found if s] or [
-        float(np.ptp(v)) for v in channels if set(found) == {None} and np.ptp(v)
-    ]
+    seen = [s for s in found if s]
+    if not seen and all(s is None for s in found):
+        seen = [float(np.ptp(v)) for v in channels if 1 < len(np.unique(v)) <= REPEATED * len(v)]
     return tuple(float(seen[0] if s is None and seen else s or 0.0) for s in found)
 
 
