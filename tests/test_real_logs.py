@@ -66,19 +66,22 @@ def test_temperature_coefficient_of_a_reed():
 
 
 @pytest.mark.parametrize(
-    ("number", "tau"),
+    ("number", "tau", "named"),
     [
-        study(2542, 31.459),
-        (722, 2.29),
-        study(3413, 0.47425),
-        study(795, 4.471),
-        study(488, 158.69),
-        (596, 0.10507),
+        study(2542, 31.459, None),
+        (722, 2.29, None),
+        study(488, 158.69, None),
+        # of the first 20 dB: further down the response beats with the floor, by up to 1.7 and 7 dB
+        (596, 0.1113, None),
+        study(3413, 0.4645, None),
+        # tau of the first 5 dB is 4.416 s, of the next 15 dB 4.468 s, in noise of 0.1 % of a row
+        study(795, 4.471, "amplitude_damping"),
     ],
 )
-def test_ring_downs_of_membranes(number, tau):
+def test_ring_downs_of_membranes(number, tau, named):
     fit = fitted(f"12*/measID_{number}_*", f"ringdown_{number}")
-    assert fit.result is sysid.Result.successful
+    assert (fit.result is sysid.Result.successful) == (named is None)
+    assert all(finding.key == named for finding in fit.findings if finding.outcome == "refused")
     assert abs(fit.parameters["tau"].value - tau) < 4 * fit.parameters["tau"].std
 
 

@@ -170,7 +170,7 @@ def log_of(
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=not stated_errors and _in_proportion(plan, inputs.get("frequency")),
+        relative_noise=not stated_errors and _in_proportion(plan),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(
@@ -180,11 +180,10 @@ def log_of(
     return doubted(within(log), celsius)
 
 
-def _in_proportion(plan: Plan, frequency: np.ndarray | None) -> bool:
-    """Whether noise goes with the response, as of a ratio, and of decibels along a sweep; a decay's is its
-    sensor's."""
+def _in_proportion(plan: Plan) -> bool:
+    """Whether noise may go with the response, as of a ratio and of decibels; by how much, the rows tell."""
     decibels = any(is_decibel(source.unit) for source in plan.sources.values())
-    return is_analysed(plan) or (decibels and frequency is not None and bool(np.ptp(frequency) > 0))
+    return is_analysed(plan) or decibels
 
 
 def _refuse_open(head: Head, plan: Plan, frequency: np.ndarray | None) -> None:

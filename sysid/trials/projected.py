@@ -28,6 +28,8 @@ def efficiency(trial: Trial, course: LogResponse) -> float:
     now, before = noise.whitening()
     made = course.design()[used].T
     made = made[np.any(made != 0, axis=1)]
+    if not len(made):
+        return 1.0  # as of a decay that may not begin anywhere but at rest
     white = whitened(made / np.linalg.norm(made, axis=1, keepdims=True), now, before)
     unweighted = now * white
     unweighted[:, :-1] -= (before * white)[:, 1:]  # W J

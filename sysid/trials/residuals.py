@@ -129,7 +129,7 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
     if not trial.steady and not trial.noise.share and round_ > EARLY:
         return 0.0
     scatters = trial.undriven_sweep or _is_noise(trial, model)  # one periodogram by half of itself
-    if (known and not trial.steady) or not 0 < round_ < HELD or not scatters:
+    if not 0 < round_ < HELD or not scatters:
         return trial.noise.share
     there = trial.there
     left = (trial.residual(model) * np.sqrt(trial.noise.count))[there]
