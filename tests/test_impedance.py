@@ -206,3 +206,46 @@ def test_standard_errors_of_an_admittance_follow_its_voltage(save):
     given = ADMITTANCE + 'std = "std[S]"\n[constants]\nvoltage = "0.5 V"\n'
     (log,) = read_logs(save(text), columns=save(given, "map.toml"))
     np.testing.assert_allclose(log.std / np.abs(log.response), 1e-6, rtol=1e-9)
+
+
+def coil(frequency, seed=None):
+    """Impedance (ohm) of a coil of 25 ohm and 0.3 mH in a magnet: R + j w L and the motion of a resonance at
+    175 Hz, Q of 15, which adds 15 ohm at its peak."""
+    x = 1j * frequency / 175
+    z = 25 + 2j * np.pi * frequency * 3e-4 + 15 * (x / 15) / (1 + x / 15 + x**2)
+    rng = np.random.default_rng(seed)
+    return z * (1 + NOISE * (rng.standard_normal((2, len(frequency))).T @ [1, 1j]))
+
+
+COIL = """quantity = "velocity"
+[columns]
+frequency = { column = "f_Hz", unit = "Hz" }
+x = { column = "R_ohm", unit = "ohm" }
+y = { column = "X_ohm", unit = "ohm" }
+"""
+
+
+@pytest.mark.parametrize(("low", "high"), [(120, 260), (20, 2000)])
+def test_a_coil_is_read_by_the_voltage_of_its_motion(save, low, high):
+    """Over two octaves and a half, and two decades: what its resistance adds to the flux goes with 1/f."""
+    f, truth, z = np.geomspace(low, high, 281), {"tau": 15 / (np.pi * 175), "f0": 175.0}, []
+    truth["G"] = 15 / (2 * np.pi * 175)
+    for seed in range(4):
+        Z = coil(f, seed)
+        path = save(
+            "f_Hz,R_ohm,X_ohm\n" + "".join(f"{a},{b.real},{b.imag}\n" for a, b in zip(f, Z, strict=True))
+        )
+        fit = sysid.fit(read_logs(path, columns=save(COIL, "map.toml")))
+        assert fit.result is sysid.Result.successful, fit.warnings
+        assert fit.parameters["G"].unit == "V*s/A"
+        z += [(fit.parameters[name].value - true) / fit.parameters[name].std for name, true in truth.items()]
+    assert np.sqrt(np.mean(np.square(z))) < 1.8 and np.max(np.abs(z)) < 4.0
+
+
+def test_an_impedance_of_a_coil_is_told_from_that_of_a_plate(save):
+    """By its ends, a resistance where a plate's are capacitances, and by what grows between."""
+    f, head = np.linspace(120, 260, 281), "f_Hz,R_ohm,X_ohm\n"
+    for Z, at, told in ((coil(f, 0), f, True), (impedance(FREQUENCY, 0), FREQUENCY, False)):
+        rows = "".join(f"{a},{b.real},{b.imag}\n" for a, b in zip(at, Z, strict=True))
+        (log,) = read_logs(save(head + rows))
+        assert any("that of a coil" in said for said in log.warnings) is told

@@ -137,7 +137,10 @@ class _Draft:
         about the phase."""
         lines = ['# kind = "steady"  # or "transient"']
         if self.ratio == "ohm":
-            return [*lines, 'quantity = "impedance"  # read as the current 1/Z that 1 V drives']
+            return [
+                *lines,
+                'quantity = "impedance"  # the current 1/Z that 1 V drives; of a coil "velocity"',
+            ]
         lines += ['quantity = "current"  # of an admittance, driven by 1 V']
         lines += ['amplitude = "peak"  # of both, or both rms: it is a ratio']
         return [*lines, "phase_sign = 1"] if self.found.keys() & {"x", "phase"} else lines

@@ -99,7 +99,7 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     else:
         plan = contract_plan(head)
     refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
-    if plan.quantity != "impedance":
+    if plan.quantity not in ("impedance", "velocity"):  # which the voltage of a coil in a magnet shows
         _refuse_ohms(head, plan, mapping)
     return dataclasses.replace(
         plan, notes=(*plan.notes, *_powers(head, plan), *not_applied(head, plan, mapping))
@@ -150,7 +150,10 @@ def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:
                 ' quantity = "impedance"'
             )
             where = mapping.path if mapping and mapping.names_columns else "a mapping file (--columns)"
-            said = f"{found} in {where}, which inverts it: the response of the plate is the current, 1/Z"
+            said = (
+                f"{found} in {where}, which inverts it: the response of the plate is the current, 1/Z;"
+                ' or, of a coil in a magnet, "velocity", which its voltage shows'
+            )
             raise LogError(said, None if mapping and mapping.names_columns else drafted(head))
 
 

@@ -190,7 +190,7 @@ class MappingFile:
         of = next(filter(None, (per_drive(reference(sources[name].unit)) for name in shown)), None)
         if of is None:
             return sources
-        what = "an admittance" if of == ("A", "V") else f"{of[0]} by {of[1]}"
+        what = {("A", "V"): "an admittance", ("V", "A"): "an impedance"}.get(of, f"{of[0]} by {of[1]}")
         for name in shown:
             if (stated := sources[name].amplitude) != "peak":
                 said = f"found amplitude {stated!r} of {what}, expected none: it is a ratio"

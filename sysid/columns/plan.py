@@ -54,12 +54,13 @@ class Plan:
 
 def per_drive(unit: str) -> tuple[str, str] | None:
     """The units of the signal and of the drive where one is stated by the other: um and V of um/V, A and V of
-    S; None of any other unit."""
+    S, V and A of ohm; None of any other unit."""
     signal, _, drive = unit.rpartition("/")
     if re.fullmatch(r"[pnuµmkM]?[VNA]", drive) and units.is_known(signal) and not units.is_of(unit, "ohm"):
         return signal, drive
     named = re.search(r"S|siemens|mho|ohm", unit)  # only of these the library is asked, which takes its time
-    return ("A", "V") if named and units.is_of(unit, "S") else None
+    ratios = {"S": ("A", "V"), "ohm": ("V", "A")} if named else {}
+    return next((of for ratio, of in ratios.items() if units.is_of(unit, ratio)), None)
 
 
 def is_absent(quantity: str, sources: Mapping[str, Source]) -> bool:

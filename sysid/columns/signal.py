@@ -45,11 +45,12 @@ def lock_in(
 
 def driven(signal: np.ndarray, unit: str, drive: tuple[np.ndarray | None, str]) -> tuple[np.ndarray, str]:
     """A signal that is stated by its drive, as it is under that: the current (A) of an admittance under its
-    voltage, m/s of m/s/V; any other as it is."""
+    voltage, the voltage of a coil's impedance under its current, m/s of m/s/V; any other as it is."""
     values, its = drive
     if values is None or (of := per_drive(unit)) is None:
         return signal, unit
-    signal = units.convert(signal, unit, "S") if of == ("A", "V") else signal
+    ratio = {("A", "V"): "S", ("V", "A"): "ohm"}.get(of)
+    signal = units.convert(signal, unit, ratio) if ratio else signal
     return signal * units.convert(values, its, of[1]), of[0]
 
 

@@ -28,6 +28,7 @@ QUARTILE = 0.3186  # of the size of a normal number of unit variance, which a qu
 QUARTER = 0.5 * np.pi  # rad
 OPPOSITE = 0.5  # of the power of a signal, of which most then repeats itself with its sign turned
 CYCLES = 50  # as many as a burst of a resonator lasts, and no sine by which a plant of first order is told
+MOVES = 1.05  # of a coil's resistance, above which it moves: analysers are wrong by less
 ROUNDED = 1e-3  # rad, of phases in degrees of one decimal
 THERE = 0.1  # of the largest response: of less a phase may be noise
 
@@ -35,11 +36,11 @@ THERE = 0.1  # of the largest response: of less a phase may be noise
 def doubted(log: "Log", celsius: bool = True) -> "Log":
     """The log, without readings of its thermometer that are none, and with a warning of these, and where its
     temperatures, said to be in degrees Celsius (`celsius`), seem to be kelvin, its frequency to be in kHz, or
-    one channel of its response was not recorded. Raises LogError where that is one of a sweep, where rows
-    are the oscillation itself, or driven at 0 Hz."""
+    its impedance a coil's, or where one channel was not recorded. Raises LogError where that is one of
+    a sweep, where rows are the oscillation itself, or driven at 0 Hz."""
     _refuse_oscillation(log)
     _refuse_direct(log)
-    return _kelvin(_kilohertz(_recorded(_ready(_carrier(log)))), celsius)
+    return _kelvin(_kilohertz(_recorded(_ready(_carrier(_coil(log))))), celsius)
 
 
 def unfolded(name: str, plan: Plan, arrays: MutableMapping[str, tuple[np.ndarray, str]]) -> Plan:
@@ -154,6 +155,32 @@ def _carrier(log: "Log") -> "Log":
     said = f"drive and response swing about zero together, every {periods[0]} rows: are they samples of a"
     then = f"carrier? then say kind: waveform, with the response as response_{log.response_unit}"
     return _warned(log, f"{said} {then}")
+
+
+def _coil(log: "Log") -> "Log":
+    """With a warning where an impedance is a resistance at low frequencies, no capacitance at high ones, and
+    grows between: it is that of a coil in a magnet, which moves.
+
+    Its voltage is R I + j omega L I and, of the motion, B l times a velocity: the resonance is where the
+    resistance is largest. Of a piezoelectric plate both ends are capacitances."""
+    if log.amplitude_only or log.drive is None or log.frequency is None or log.kind == "transient":
+        return log
+    of_charge = log.response_unit.endswith("C") and log.drive_unit.endswith("V")
+    at = np.argsort(log.frequency, kind="stable")
+    flow = (log.response * log.frequency)[at]
+    if not (of_charge and log.relative_noise and np.all(flow != 0) and np.ptp(log.frequency) > 0):
+        return log
+    z = log.drive[at] / flow
+    low, high = z[0], z[-1]
+    if abs(low.imag) > low.real or -high.imag > high.real or max(low.real, high.real) * MOVES > max(z.real):
+        return log
+    said = (
+        "its impedance is that of a coil which moves: a resistance that is largest at"
+        f" {log.frequency[at][np.argmax(z.real)]:.5g} Hz. Fitted is the motion that a voltage drives, which"
+        ' the coil\'s resistance damps; of that which a current drives say quantity = "velocity" in a'
+        " mapping file (--columns)"
+    )
+    return _warned(log, said)
 
 
 def _period(signal: np.ndarray) -> int:

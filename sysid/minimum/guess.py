@@ -9,6 +9,7 @@ gain.
 
 import numpy as np
 
+from sysid.trials.record import FLUX
 from sysid.trials.trial import Trial
 
 # rows of a stretch that the pencil sees: enough for the pole, and its decomposition stays below a millisecond
@@ -38,6 +39,7 @@ def _sweep(trial: Trial) -> list[tuple[float, float]]:
     f, y = log.frequency[order], log.response[order]
     if log.drive is not None and np.all(log.drive != 0):
         y = y / log.drive[order]
+    y = y * f if log.response_unit == FLUX else y  # the impedance: in the flux its resistance goes with 1/f
     found = []
     for half in (1.0, 0.5, 0.25, 0.12):  # the whole sweep, then windows about its liveliest place
         window = _about_peak(f, y, half)

@@ -9,6 +9,8 @@ from sysid.logs.log import Log
 from sysid.rows.hold import Hold
 from sysid.rows.prepare import from_rest, one_level
 
+FLUX = "V*s"  # the unit of what the voltage of a coil is read as
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
@@ -78,6 +80,13 @@ class Record:
     def slowed(self) -> bool:
         """What damps the plate changes within the log, besides a finger."""
         return bool(np.any(self.inputs.damped != 1))
+
+    @cached_property
+    def off_middle(self) -> np.ndarray:
+        """(n,) Hz by which the rows of a sweep are off its middle; of the flux of a coil, to which its
+        resistance R adds R/(j omega), by what is the same there, to first order."""
+        frequency, middle = self.log.frequency, float(np.mean(self.log.frequency))
+        return middle * (1 - middle / frequency) if self.log.response_unit == FLUX else frequency - middle
 
     @cached_property
     def signed(self) -> bool:

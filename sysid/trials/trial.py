@@ -169,7 +169,7 @@ class Trial(Record):
             if background and self.resonant and np.ptp(self.log.frequency) > 0:
                 shapes["feedthrough"] = drive
                 if n >= SLOPED:
-                    shapes["slope"] = drive * (self.log.frequency - np.mean(self.log.frequency))
+                    shapes["slope"] = drive * self.off_middle
             if background and self.at_one_frequency and "feedthrough" in self.bench.narrow:
                 shapes["feedthrough"] = drive
             if offset and np.ptp(drive) > 0:
