@@ -239,7 +239,7 @@ def parse(text: str) -> Label:
     stated = _stated(plain)
     rest = re.sub(r"\|\s*([^|]*?)\s*\|", r" | \1 ", rest)
     apart = re.sub(r"(?<=[a-zà-ÿ])(?=[A-Z])(?!(?<=\bd)B)", " ", rest)
-    words = [word for word in re.split(r"[\s_:;,/()\[\]{}.=-]+", folded(apart)) if word]
+    words = [word for word in re.split(r"[\s_:;,/()\[\]{}<>.=-]+", folded(apart)) if word]
     words = [re.sub(r"^([uv])(rms|pp|eff|ss)$", r"\1", word) for word in words if word != "vss"]  # a supply
     parts = tuple(part for word in words for part in _apart(word) if part not in ("rms", "pp"))
     unit = unit or ("s" if parts in (("second",), ("seconds",), ("sec",)) else "")

@@ -125,6 +125,7 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
         if one is None:
             return found
         found["w"] = one
+    found |= _off_at_first(columns, found)
     unit = columns.shows(found["w"])
     derivative = any(unit and units.same_kind(unit, kind) for kind in ("m/s", "m/s^2", "A"))
     phases = [k for k, label in enumerate(columns.labels) if label.part == "phase" and columns.moves(k)]
@@ -177,6 +178,18 @@ def _telling(columns: Columns, left: list[int]) -> list[int]:
         (other,) = set(left) - set(stated)
         return stated if columns.is_held(other) else left
     return stated or left
+
+
+def _off_at_first(columns: Columns, found: Mapping[str, int]) -> dict[str, int]:
+    """The drive, where nothing is called so: the one column of its kind that is left, and 0 in the first
+    rows."""
+    if found.keys() & {*units.DRIVES} or "time" not in found:
+        return {}
+    free = [k for k in range(len(columns.labels)) if k not in found.values() and columns.holds_data(k)]
+    free = [k for k in free if columns.unit(k) and not {*columns.labels[k].words} & NOT_MEANT["voltage"]]
+    kinds = {k: next((name for name in ("voltage", "duty") if fits(name, columns.unit(k))), "") for k in free}
+    off = [k for k in free if kinds[k] and not columns.numbers(k).any()]
+    return {kinds[off[0]]: off[0]} if len(off) == 1 else {}
 
 
 def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> list[int]:

@@ -22,6 +22,7 @@ from sysid.tables.cells import (
     with_unit_cells,
 )
 from sysid.tables.densities import plain
+from sysid.tables.stamps import is_stamp
 
 DEEPEST = 200  # lines among which the first row is looked for
 ALIKE = 3  # rows of numbers, one below the other, that are a table
@@ -227,11 +228,14 @@ def _shapes(lines: list[str], dialect: Dialect) -> list[tuple[str, int] | None]:
 
 
 def _shape(line: str, dialect: Dialect) -> tuple[str, int] | None:
-    """Delimiter and number of cells of a row of two numbers or more; None for any other line."""
+    """Delimiter and number of cells of a row of two numbers or more, of which all but one may be dates; None
+    for any other line."""
     delimiter = dialect.delimiter or find_delimiter(line.strip())
     cells = split_line(line, delimiter)
     filled = [cell for cell in cells if cell.strip()]
-    return (delimiter, len(cells)) if len(filled) > 1 and all(map(is_number, filled)) else None
+    others = [cell for cell in filled if not is_number(cell)]
+    row = 1 < len(filled) > len(others) and all(map(is_stamp, others))
+    return (delimiter, len(cells)) if row else None
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

@@ -109,7 +109,7 @@ _FULL = {
     "percent": "%",
     "sekunde": "s", "sekunden": "s", "seconde": "s", "segundo": "s", "secondo": "s", "secondi": "s",
     "minute": "min", "minuten": "min", "hour": "h", "stunde": "h", "stunden": "h", "degree": "deg",
-    "deg": "deg", "grad": "deg",
+    "deg": "deg", "grad": "deg", "vdc": "V", "v dc": "V", "adc": "A", "a dc": "A",
 }  # fmt: skip
 _PREFIXES = {"nano": "n", "micro": "u", "milli": "m", "kilo": "k", "mega": "M", "giga": "G", "": ""}
 _DEGREES = re.compile(r"(?:deg(?:rees?)?\.?|[°º˚o])\s*([CF])", re.IGNORECASE)  # deg C, ° C, ºC, oC
@@ -131,7 +131,7 @@ _WORD = (
     r"rms|pp|peak|p-p|pk-?pk|pk|0-?p|(?<=(?-i:[VAUIm]))eff|(?<![A-Za-z])eff\.?|(?<=(?-i:[VAmU]))ss"
     r"|(?:(?<=ung )|(?<=age ))ss|peak[ -](?:to[ -])?peak|spitze-spitze|cr[eê]te [aà] cr[eê]te"
     r"|pico a pico|picco-picco|(?:valeur |valore )?efficace|(?:valor )?eficaz|effektiv(?:-?wert)?|rms-?wert"
-    r"|scheitelwert|spitzenwert"
+    r"|scheitelwert|spitzenwert|(?<=(?-i:[VA]))AC"
 )
 _BRACKETS = re.compile(
     rf"([^\[(]*?)[\s_]*(?:[\[(]({_WORD})[\])])?\s*[\[(]\s*([^\])]*?)\s*[\])][\s_]*[\[(]?({_WORD})?[\])]?",
@@ -229,7 +229,7 @@ def split_amplitude(unit: str) -> tuple[str, str]:
 
 def _in_words(amplitude: str) -> str:
     word = amplitude.lower()
-    if re.search("eff|rms|efi", word):
+    if word == "ac" or re.search("eff|rms|efi", word):  # VAC, as meters have it
         return "rms"
     return _PEAKS.get(word, word if word in ("", *PEAK) else "pp")
 
