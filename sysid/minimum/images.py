@@ -1,5 +1,5 @@
-"""Other minima of a fit that sees only amplitudes: mirror images of one that was found, as trials and theta
-to start from."""
+"""Other minima that the logs tell no better or worse, as trials and theta to start from: mirror images of one
+that was found, where they hold amplitudes alone, and its aliases, where rows are far apart."""
 
 from collections.abc import Sequence
 
@@ -7,6 +7,8 @@ import numpy as np
 
 from sysid.trials.trial import LEAST_WARMING, Trial
 
+ODDS = 20.0  # of one hypothesis against another, from which the other is not told
+EVEN = 0.01  # of a step, by which others may differ: a rounded clock's
 Begin = tuple[tuple[Trial, ...], np.ndarray]
 
 
@@ -15,7 +17,31 @@ def images(
 ) -> list[Begin]:
     """All images of a minimum at theta; `drifts`: whether k_T is free."""
     begun = any(t.begun for t in trials)
-    return [*_mirrored(trials, theta, reference, drifts), *([as_settled(trials, theta)] if begun else [])]
+    settled = [as_settled(trials, theta)] if begun else []
+    return [*_mirrored(trials, theta, reference, drifts), *settled, *_aliased(trials, theta, reference)]
+
+
+def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float]) -> list[Begin]:
+    """Images with the resonance as many times further from the drive as rows in even steps cannot tell: what
+    turns by a whole turn more from row to row looks the same, of a plate of another gain,
+
+        f0' - f = f0 - f -+ 1/dt        G'/|1 + j 2 pi (f0' - f) tau| = G/|1 + j 2 pi (f0 - f) tau|
+
+    Distances on all scales are as likely beforehand (a prior of 1/|f0 - f|): one ODDS times as far is not."""
+    found = []
+    for trial in (t for t in trials if t.resonant and not t.steady and not t.log.amplitude_only):
+        steps = np.diff(trial.log.time)
+        even = len(steps) > 1 and np.ptp(steps) < EVEN * np.median(steps)
+        if not even or np.ptp(trial.log.frequency) > 0:
+            continue
+        warming = float(np.mean(trial.hold(reference).warming))
+        away = theta[2] + theta[3] * warming - (trial.log.frequency[0] - reference[0])
+        other = away - np.copysign(1 / float(np.mean(steps)), away)
+        if abs(other) < ODDS * abs(away):
+            beside = [abs(1 + 2j * np.pi * f * np.exp(theta[1])) for f in (away, other)]
+            change = [np.log(beside[1] / beside[0]), 0.0, other - away]
+            found.append((tuple(trials), theta + np.array([*change, *np.zeros(len(theta) - 3)])))
+    return found
 
 
 def _mirrored(
