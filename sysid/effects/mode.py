@@ -39,9 +39,9 @@ DRIFTS = 0.1  # half bandwidths per degC, by which two modes drift apart: as muc
 
 def _second(trial: Trial, place: float, width: float, drift: float, about: About) -> np.ndarray:
     """(n,) response of a mode `place` half bandwidths above the first and e^width times as slow, which each
-    degC takes `drift` half bandwidths farther above it; from rest, of size one where the largest drive of the
-    logs holds it at the frequency, of those driven, that is nearest to its resonance; of a decay, of size one
-    at its first row."""
+    degC takes `drift` half bandwidths farther above it; it begins at rest or settled, as the log does. It is
+    of size one where the largest drive of the logs holds it at the frequency, of those driven, that is
+    nearest to its resonance; of a decay, of size one at its first row."""
     theta = about.theta + np.array([0.0, width, *(about.half_bandwidth * np.array([place, drift])), 0.0, 0.0])
     theta[NAMES.index("G")] = np.log(_unseen(place, width, about) / about.drive)
     return _mode(trial, about.reference, tuple(theta.tolist()))
@@ -51,7 +51,7 @@ def _second(trial: Trial, place: float, width: float, drift: float, about: About
 def _mode(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]) -> np.ndarray:
     """(n,) response of a plate at theta."""
     course = LogResponse.of(trial, reference, np.array(theta))
-    return course.forced if trial.driven else course.free
+    return course.as_begun if trial.driven else course.free
 
 
 def _unseen(place: float, width: float, about: About) -> float:
@@ -203,11 +203,11 @@ SECOND_MODE = Effect(
 
 
 def _slower(trial: Trial, ratio: float, about: About) -> np.ndarray:
-    """(n,) response of a plant that is e^ratio times as slow, from rest; of size one where it has settled at
-    the largest drive of the logs."""
+    """(n,) response of a plant that is e^ratio times as slow, begun as the log is; of size one where it has
+    settled at the largest drive of the logs."""
     theta = about.theta + np.array([0.0, ratio, 0.0, 0.0, 0.0, 0.0])
     theta[NAMES.index("G")] = -np.log(about.drive)
-    return LogResponse.of(trial, about.reference, theta).forced
+    return LogResponse.of(trial, about.reference, theta).as_begun
 
 
 def _pole_starts(trial: Trial, about: About) -> np.ndarray:

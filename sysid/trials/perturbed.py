@@ -108,6 +108,14 @@ class LogResponse:
         return self.response.free
 
     @property
+    def as_begun(self) -> np.ndarray:
+        """`forced` from rest or, where the log begins so, of a plate that its first drive held for long."""
+        if not self.trial.held:
+            return self.forced
+        first = steady(self.tau, self.detuning[:1], np.nan_to_num(self.hold.omega[:1], nan=FAR), np)
+        return self.forced + self.gain * self.hold.drive[0] * first[0] * self.free
+
+    @property
     def rate(self) -> np.ndarray:
         """Rate of change of `forced`, 1/s."""
         return self.response.rate
