@@ -187,9 +187,10 @@ def _off_at_first(columns: Columns, found: Mapping[str, int]) -> dict[str, int]:
         return {}
     free = [k for k in range(len(columns.labels)) if k not in found.values() and columns.holds_data(k)]
     free = [k for k in free if columns.unit(k) and not {*columns.labels[k].words} & NOT_MEANT["voltage"]]
-    kinds = {k: next((name for name in ("voltage", "duty") if fits(name, columns.unit(k))), "") for k in free}
-    off = [k for k in free if kinds[k] and not columns.numbers(k).any()]
-    return {kinds[off[0]]: off[0]} if len(off) == 1 else {}
+    kinds = {"V": "voltage", "%": "duty", "A": "drive", "N": "drive", "W": "drive"}
+    called = {k: [n for of, n in kinds.items() if units.same_kind(columns.unit(k), of)] for k in free}
+    off = [k for k in free if called[k] and not columns.numbers(k).any()]
+    return {called[off[0]][0]: off[0]} if len(off) == 1 else {}
 
 
 def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> list[int]:

@@ -140,7 +140,8 @@ def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
     over, time = found["over"], found["time_s"]
     return Told(
         f"its drive overshoots by {100 * over.value:.2g} ± {100 * over.std:.1g} % of each change, and settles"
-        f" within about {time.value:.2g} s",
+        f" within about {time.value:.2g} s; G is by what it settles to, taken for the drive that is recorded:"
+        f" if it sags from that, G is {100 * over.value:.2g} % more",
         "record the drive as the plate gets it, or wait with the response until the drive has settled",
     )
 
