@@ -27,7 +27,8 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
 
         f0' - f = f0 - f -+ 1/dt        G'/|1 + j 2 pi (f0' - f) tau| = G/|1 + j 2 pi (f0 - f) tau|
 
-    Distances on all scales are as likely beforehand (a prior of 1/|f0 - f|): one ODDS times as far is not."""
+    A plate is driven where it moves: beforehand the odds go with the power of its response, 1/|1 + j ...|^2,
+    and an alias of less than one in ODDS is none."""
     found = []
     for trial in (t for t in trials if t.resonant and not t.steady and not t.log.amplitude_only):
         steps = np.diff(trial.log.time)
@@ -37,8 +38,8 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
         warming = float(np.mean(trial.hold(reference).warming))
         away = theta[2] + theta[3] * warming - (trial.log.frequency[0] - reference[0])
         other = away - np.copysign(1 / float(np.mean(steps)), away)
-        if abs(other) < ODDS * abs(away):
-            beside = [abs(1 + 2j * np.pi * f * np.exp(theta[1])) for f in (away, other)]
+        beside = [abs(1 + 2j * np.pi * f * np.exp(theta[1])) for f in (away, other)]
+        if beside[1] ** 2 < ODDS * beside[0] ** 2:
             change = [np.log(beside[1] / beside[0]), 0.0, other - away]
             found.append((tuple(trials), theta + np.array([*change, *np.zeros(len(theta) - 3)])))
     return found
