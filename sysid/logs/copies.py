@@ -7,8 +7,9 @@ Two recordings of one thing agree so where noise is far below the digits of the 
 tells next to nothing beside the other."""
 
 import dataclasses
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,75 +28,108 @@ EXACT = 1e-9  # of the largest, to which numbers are one after they changed thei
 
 def once(logs: Iterable["Log"]) -> list["Log"]:
     """The logs, of copies the one with the most digits in the place of the first, with a note."""
-    kept: list[Log] = []
-    for log in logs:
-        place = next((k for k, other in enumerate(kept) if _are_copies(other, log)), None)
+    kept: list[_Rows] = []
+    for rows in map(_Rows, logs):
+        place = next((k for k, other in enumerate(kept) if _are_copies(other, rows)), None)
         if place is None:
-            kept.append(log)
+            kept.append(rows)
             continue
-        best, other = sorted((kept[place], log), key=_coarseness)
+        best, other = sorted((kept[place].log, rows.log), key=_coarseness)
         fewer = ", with fewer digits" if _coarseness(other) > _coarseness(best) else ""
         note = f"{other.path or other.name} holds the same rows{fewer}: counted once"
-        kept[place] = dataclasses.replace(best, notes=(*best.notes, note))
-    return kept
+        kept[place] = _Rows(dataclasses.replace(best, notes=(*best.notes, note)))
+    return [rows.log for rows in kept]
 
 
-def _are_copies(first: "Log", second: "Log") -> bool:
+class _Numbers(NamedTuple):
+    """Numbers (n,) of a column, and one of the last digit of each."""
+
+    values: np.ndarray
+    digits: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "_Numbers":
+        return cls(values, digit(values))
+
+    def are(self, other: "_Numbers") -> bool:
+        """Whether they agree to their digits."""
+        exact = EXACT * np.max(np.abs(self.values))
+        most = (0.5 + EXACT) * np.maximum(self.digits, other.digits) + exact
+        return bool(np.all(np.abs(self.values - other.values) <= most))
+
+
+@dataclasses.dataclass(eq=False)
+class _Rows:
+    """A log with what is asked of it beside every other one, each worked out once."""
+
+    log: "Log"
+
+    @cached_property
+    def alike(self) -> tuple[Any, ...]:
+        """What is the same in copies."""
+        log = self.log
+        said = (log.kind, log.amplitude_only, log.bench, log.drive_unit, log.response_unit)
+        return (*said, len(log), self.columns.keys())
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """Readings first: most logs are told apart by them."""
+        inputs = {name: values for name in INPUTS if (values := getattr(self.log, name)) is not None}
+        return _channels(self.log) | inputs
+
+    @cached_property
+    def sizes(self) -> tuple[float, float]:
+        """The largest and the mean reading."""
+        size = np.abs(self.log.response)
+        return float(np.max(size)), float(np.mean(size))
+
+    @cached_property
+    def ways(self) -> tuple[np.ndarray, ...]:
+        """(n,) places in the order of the inputs: of rows of the same inputs as they come, and backwards."""
+        rows = np.arange(len(self.log))
+        order = self._order(rows)
+        held = [np.diff(values[order]) == 0 for name, values in self.columns.items() if name in INPUTS]
+        backwards = (self._order(rows[::-1]),) if np.any(np.all(held, axis=0)) else ()
+        return (order, *backwards)
+
+    def _order(self, rows: np.ndarray) -> np.ndarray:
+        keys = [self.columns[name][rows] for name in reversed(INPUTS) if name in self.columns]
+        return rows[np.lexsort(keys)] if keys else rows
+
+    def numbers(self, way: int) -> Iterator[_Numbers]:
+        """The columns, a few of their rows first: with their own digits, which are no more than those of all,
+        they agree where all do."""
+        yield from self._few[way]
+        yield from self._all[way]
+
+    @cached_property
+    def _few(self) -> list[list[_Numbers]]:
+        step = len(self.log) // FEW + 1
+        return [[_Numbers.of(v[order[::step]]) for v in self.columns.values()] for order in self.ways]
+
+    @cached_property
+    def _all(self) -> list[list[_Numbers]]:
+        return [[_Numbers.of(v[order]) for v in self.columns.values()] for order in self.ways]
+
+
+def _are_copies(first: _Rows, second: _Rows) -> bool:
     """Whether all readings of both are the same to their digits, in some order of the rows."""
-    alike = all(
-        getattr(first, name) == getattr(second, name)
-        for name in ("kind", "amplitude_only", "bench", "drive_unit", "response_unit")
-    )
-    columns, others = _columns(first), _columns(second)
-    if first.path == second.path or len(first) != len(second) or not alike or columns.keys() != others.keys():
+    if first.log.path == second.log.path or first.alike != second.alike:
         return False
-    if len(_channels(first)) * len(first) < LEAST or not _are_near(first, second):
+    if len(_channels(first.log)) * len(first.log) < LEAST or not _are_near(first, second):
         return False
-    a = {name: values[_order(first)] for name, values in columns.items()}
-    rows = np.arange(len(second))
-    held = ~np.any([np.diff(a[name]) != 0 for name in INPUTS if name in a], axis=0)
-    ways = (rows, rows[::-1]) if np.any(held) else (rows,)  # of rows of the same inputs
-    return any(
-        _agree(a, {name: values[order] for name, values in others.items()})
-        for order in (way[_order(second, way)] for way in ways)
-    )
+    ways = range(len(second.ways))
+    return any(all(map(_Numbers.are, first.numbers(0), second.numbers(way))) for way in ways)
 
 
-def _are_near(first: "Log", second: "Log") -> bool:
+def _are_near(first: _Rows, second: _Rows) -> bool:
     """Whether the largest and the mean reading are alike, as they are of copies, and not of most logs."""
-    a, b = np.abs(first.response), np.abs(second.response)
-    largest = float(np.max(a))
-    return all(abs(float(of(a)) - float(of(b))) <= NEAR * largest for of in (np.max, np.mean))
-
-
-def _agree(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> bool:
-    """Whether all numbers agree to their digits. Of a few rows that is asked first: with their own digits,
-    which are no more than those of all, they agree where all do."""
-    few = slice(None, None, len(next(iter(a.values()))) // FEW + 1)
-    return all(_are_one(a[name][rows], b[name][rows]) for rows in (few, slice(None)) for name in a)
-
-
-def _are_one(a: np.ndarray, b: np.ndarray) -> bool:
-    most = (0.5 + EXACT) * np.maximum(digit(a), digit(b)) + EXACT * np.max(np.abs(a))
-    return bool(np.all(np.abs(a - b) <= most))
-
-
-def _columns(log: "Log") -> dict[str, np.ndarray]:
-    inputs = {name: values for name in INPUTS if (values := getattr(log, name)) is not None}
-    return _channels(log) | inputs  # readings first: most logs are told apart by them
+    near = NEAR * first.sizes[0]
+    return all(abs(a - b) <= near for a, b in zip(first.sizes, second.sizes, strict=True))
 
 
 def _channels(log: "Log") -> dict[str, np.ndarray]:
     return {"w": log.response} if log.amplitude_only else {"wd": log.response.real, "wq": log.response.imag}
-
-
-def _order(log: "Log", rows: np.ndarray | None = None) -> np.ndarray:
-    """Places in `rows` (all of them as they are, if None) in the order of the inputs; rows of the same stay
-    as they come."""
-    keys = [values for name in reversed(INPUTS) if (values := getattr(log, name)) is not None]
-    if not keys:
-        return np.arange(len(log))
-    return np.lexsort(keys if rows is None else [values[rows] for values in keys])
 
 
 def _coarseness(log: "Log") -> float:
