@@ -253,3 +253,33 @@ def test_a_decay_in_decibels_has_noise_of_one_level(save, head):
     fit = sysid.fit(read_logs(save(head + level)))
     assert fit.result is sysid.Result.successful
     assert abs(fit.parameters["tau"].value - 9e-4) < 4 * fit.parameters["tau"].std < 1e-5
+
+
+def test_dates_that_are_days_of_a_spreadsheet(save):
+    days = 45382.5 + np.arange(30) * 10 / 86400
+    heater, oven = np.where(np.arange(30) < 10, 0.0, 12.0), 20 + np.arange(30.0)
+    for names in ("Date,Heater (V),Temp (degC)", "Date/Time,voltage_V,w_degC"):
+        rows = "".join(f"{d:.8f},{u:g},{w:g}\n" for d, u, w in zip(days, heater, oven, strict=True))
+        (log,) = read_logs(save(f"{names}\n{rows}"))
+        np.testing.assert_allclose(np.diff(log.time), 10, atol=2e-3)  # of 1e-8 days 0.9 ms
+        assert log.drive.tolist() == heater.tolist() and log.response.tolist() == oven.tolist()
+    refused(save("time,voltage_V,w_degC\n" + rows), "unit of time")  # seconds of an uptime go up so, too
+
+
+def test_rows_that_begin_with_dates_stand_below_a_preamble(save):
+    """And a drive that is off in the first rows is none of them by its numbers: by its unit."""
+    rows = "".join(
+        f"{k},05/17/2024 10:00:{k:02d}:000,{40.0 * (k > 30):g},{20 + k / 7:.4f}\n" for k in range(60)
+    )
+    text = f"Name:,heater\nOwner:,me\nInstrument:,34970A\n\nScan,Time,101 <SETPOINT> (VDC),102 <TEMP> (C)\n{rows}"
+    (log,) = read_logs(save(text))
+    assert len(log) == 60 and log.time[-1] == 59 and log.drive_unit == "V" and log.drive[-1] == 40
+    (log,) = read_logs(save(text.replace("101 <SETPOINT> (VDC)", "Coil current (mA)")))
+    assert log.drive_unit == "mA"
+
+
+def test_an_acceleration_of_a_sweep_is_no_power(save):
+    head = "Frequency (Hz),Drive (V peak),Acceleration (m/s^2 peak),Phase (deg)"
+    size, angle = np.abs(S), np.degrees(np.unwrap(np.angle(S)))
+    (log,) = read_logs(save(table(head, F, np.full(len(F), 40.0), size, angle)))
+    np.testing.assert_allclose(np.abs(log.response), size / (2 * np.pi * F) ** 2, rtol=1e-6)

@@ -7,7 +7,10 @@ say the same of different signals: the real part. Letters that mean different th
 
 import re
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from sysid.columns.mapping import split_ending
 from sysid.columns.plan import ANGLES, PHASES, per_drive
@@ -102,6 +105,9 @@ NOT_MEANT = {
     "frequency": {*_words("center centre mittenfrequenz span rbw vbw")},
     "temperature": {*_words("dt delta δ δt dew dewpoint taupunkt cpu pcb board")},
 }  # fmt: skip
+# What holds dates, as text or as days since 1900, as spreadsheets have it: so many of 1982 to 2119.
+STAMPED = _words("date datetime date/time zeitstempel datum datum/zeit fecha дата")
+DAYS = (3e4, 8e4)
 # What was asked for, or the edge of a range, where a column beside it says what there was.
 SECOND = {*_words(
     "set setpoint soll sollwert target nominal nom cmd command commanded requested consigne"
@@ -269,9 +275,17 @@ def left_open(name: str, label: Label, sweep: bool) -> str:
         return f'"{unit}" where both are {label.amplitude}, else with a scale'
     if name == "frequency" and words & {*ANGULAR, "angular"} and "rad" not in unit:
         return "rad/s, or Hz where it is no angular frequency"
-    power = re.search(r"(\^2|²)$|^[numkM]?W$", unit) or (words & POWERS and not densities.amplitude_of(unit))
+    squared = re.search(r"(?<!/s)(\^2|²)$|^[numkM]?W$", unit)
+    power = squared or (words & POWERS and not densities.amplitude_of(unit))
     response = sweep and name in ("magnitude", "w") and not is_decibel(unit)
     return "of a power, or a square, save the root" if power and response else ""
+
+
+def counts_days(name: str, numbers: Sequence[float] | np.ndarray) -> bool:
+    """Whether a column that is called a date, and whose first numbers these are, counts days since 1900."""
+    steps = np.diff(numbers)
+    within = len(steps) > 0 and bool(np.all((DAYS[0] < np.array(numbers)) & (np.array(numbers) < DAYS[1])))
+    return within and folded(name) in STAMPED and bool(np.all((steps >= 0) & (steps < 1)) and np.any(steps))
 
 
 def is_unit(text: str) -> bool:

@@ -7,7 +7,7 @@ from statistics import median
 
 import numpy as np
 
-from sysid.columns.labels import RATIOS, Label, parse
+from sysid.columns.labels import RATIOS, Label, counts_days, parse
 from sysid.columns.plan import ANGLES, PHASES, per_drive
 from sysid.tables import units
 from sysid.tables.cells import to_number
@@ -26,11 +26,13 @@ class Columns:
     @cached_property
     def labels(self) -> tuple[Label, ...]:
         """What the head of each column says."""
-        return tuple(self._as_a_temperature(k, parse(self.head.says(k))) for k in range(len(self.head.names)))
+        return tuple(self._by_numbers(k, parse(self.head.says(k))) for k in range(len(self.head.names)))
 
-    def _as_a_temperature(self, column: int, label: Label) -> Label:
+    def _by_numbers(self, column: int, label: Label) -> Label:
         """The label of a column in C or F, whose numbers say whether they are degrees: no plate holds a
-        coulomb, or has a farad."""
+        coulomb, or has a farad; and of one of dates that are numbers of days."""
+        if not label.unit and counts_days(label.text, self.numbers(column)):
+            return replace(label, unit="d")
         degrees = {"C": "degC", "F": "degF"}.get(label.unit)
         large = degrees is not None and np.max(np.abs(self.numbers(column)), initial=0.0) >= 1
         return replace(label, unit=degrees) if degrees and large else label

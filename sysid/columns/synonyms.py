@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping
 
-from sysid.columns.labels import ANGULAR, INPUTS, folded
+from sysid.columns.labels import ANGULAR, INPUTS, STAMPED, folded
 from sysid.columns.metadata import stated, stated_constant
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import drafted
@@ -19,15 +19,6 @@ SYNONYMS = {
     for word in INPUTS[name]
     if word not in units.DRIVES and (word[1:] or word == "\u03c9")
 }
-STAMPED = (
-    "date",
-    "datetime",
-    "date/time",
-    "zeitstempel",
-    "datum",
-    "fecha",
-    "дата",
-)  # of cells that are dates
 LETTERS = {"t": "time", "f": "frequency", "u": "voltage", "v": "voltage"}  # of columns alone
 
 

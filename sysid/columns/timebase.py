@@ -4,6 +4,7 @@ goes up in a unit of time, one that may be a time; and what is said of them."""
 from collections.abc import Collection, Mapping
 from itertools import pairwise
 
+from sysid.columns.labels import counts_days
 from sysid.columns.metadata import sample_rate, stated
 from sysid.columns.plan import Source
 from sysid.columns.synonyms import LETTERS, SYNONYMS, add_source, is_called_time
@@ -61,6 +62,7 @@ def add_time(head: Head, unknown: list[str], sources: dict[str, Source]) -> list
     transient = seems_timed(head, sources) or stated(head.metadata, "kind") == "transient"
     for label in unknown if "time" not in sources else ():
         name, unit, _ = units.split_unit(label)
+        unit = "d" if counts_days(label, _first_numbers(head, label)) else unit
         steps = [after - before for before, after in pairwise(_first_numbers(head, label))]
         called = transient or any(map(is_called_time, name.split()))
         if called and units.fits("time", units.short(unit)) and steps and min(steps) > 0:
