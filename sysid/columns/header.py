@@ -35,7 +35,7 @@ from sysid.columns.timebase import (
     untimed,
     why_no_time,
 )
-from sysid.columns.unknown import NONE, Unnamed, drafted, not_understood
+from sysid.columns.unknown import Unnamed, drafted, not_understood
 from sysid.tables import units
 from sysid.tables.cells import SHOWN, amount, listed
 from sysid.tables.csvfile import Head, LogError
@@ -141,14 +141,16 @@ def _powers(head: Head, plan: Plan) -> list[str]:
 
 
 def _refuse_ohms(head: Head, plan: Plan, mapping: MappingFile | None) -> None:
-    """Raise LogError where a response is an impedance and nothing says so: its peak is the antiresonance."""
+    """Raise LogError where a response is an impedance and nothing says so: its peak is the antiresonance; and
+    where it is a resistance without a frequency, as a thermistor's."""
     for name in ("wd", "wq", "w", "x", "y", "magnitude", "response"):
         source = plan.sources.get(name)
         if source and not is_decibel(source.unit) and units.is_of(source.unit, "ohm"):
-            found = (
-                f"{head.path}, column {source.label!r}: found {source.unit}, of an impedance, expected"
-                ' quantity = "impedance"'
-            )
+            place = f"{head.path}, column {source.label!r}: found {source.unit}"
+            if "frequency" not in plan.sources:
+                shows = "what it shows, such as a temperature: a thermistor's is no straight line of that"
+                raise LogError(f"{place}, a resistance, and no frequency; expected {shows}")
+            found = f'{place}, of an impedance, expected quantity = "impedance"'
             where = mapping.path if mapping and mapping.names_columns else "a mapping file (--columns)"
             said = (
                 f"{found} in {where}, which inverts it: the response of the plate is the current, 1/Z;"
@@ -321,7 +323,9 @@ def _check_understood(head: Head, sources: dict[str, Source]) -> None:
                 f"{head.path}: found the response in the metadata alone, expected a column, such as wd_um"
             )
         if not sources.keys() & {"time", "frequency", *units.DRIVES}:
-            raise not_understood(head, NONE[1], "time_s or frequency_Hz at least")
+            found = "neither time, frequency nor drive"
+            raise not_understood(head, found, "time_s or frequency_Hz at least", unnamed=True)
         return
-    found = " and ".join(sorted(response)) or NONE[0]
-    raise not_understood(head, found, "columns such as wd_um and wq_um, or w_um alone")
+    found = " and ".join(sorted(response)) or "no response"
+    expected = "columns such as wd_um and wq_um, or w_um alone"
+    raise not_understood(head, found, expected, unnamed=not response)

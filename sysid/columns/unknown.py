@@ -19,12 +19,9 @@ class Unnamed(LogError):
         self.head = head
 
 
-NONE = "no response", "neither time, frequency nor drive"
-
-
-def not_understood(head: Head, found: str, expected: str) -> LogError:
+def not_understood(head: Head, found: str, expected: str, unnamed: bool = False) -> LogError:
     """What to say of a file whose columns are not known: what was found, what was expected, and a mapping
-    file to begin with."""
+    file to begin with. `unnamed`: by the contract's names it has no response, or no input."""
     path = head.path
     if len(head.names) == 1 and (rate := rate_key(head.metadata)):
         said = f"found one channel alone ({head.names[0] or 'without a name'}; {rate}: {head.metadata[rate]})"
@@ -43,7 +40,7 @@ def not_understood(head: Head, found: str, expected: str) -> LogError:
         with contextlib.suppress(LogError):
             head = read_head(head.path, Dialect(comment=(first,)))
     message = f"{path}: found {found} ({names}), expected {expected}"
-    return Unnamed(message, head) if found in NONE else LogError(message, drafted(head))
+    return Unnamed(message, head) if unnamed else LogError(message, drafted(head))
 
 
 def drafted(head: Head) -> str:
