@@ -249,3 +249,12 @@ def test_an_impedance_of_a_coil_is_told_from_that_of_a_plate(save):
         rows = "".join(f"{a},{b.real},{b.imag}\n" for a, b in zip(at, Z, strict=True))
         (log,) = read_logs(save(head + rows))
         assert any("that of a coil" in said for said in log.warnings) is told
+
+
+def test_a_coil_in_volts_per_ampere_is_one_in_ohm(save):
+    f = np.linspace(120, 260, 41)
+    rows = "".join(f"{a},{b.real},{b.imag}\n" for a, b in zip(f, coil(f), strict=True))
+    path, units = save("f_Hz,R_ohm,X_ohm\n" + rows), ("ohm", "V/A")
+    logs = [read_logs(path, columns=save(COIL.replace('"ohm"', f'"{of}"'), "map.toml"))[0] for of in units]
+    np.testing.assert_allclose(logs[0].response, logs[1].response, rtol=1e-12)
+    assert {(log.response_unit, log.drive_unit) for log in logs} == {("V*s", "A")}

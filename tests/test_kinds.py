@@ -261,3 +261,36 @@ def test_a_resonance_and_its_alias_are_both_told():
     assert not f0.determined and "separate solutions" in f0.why
     assert min(abs(mode["value"] - 31725) / mode["std"] for mode in f0.modes) < 4
     assert abs(tau.value - 0.4) < 4 * tau.std
+
+
+def test_what_begins_at_rest_amid_a_drive_was_not_settled():
+    """Of an oven at 20 degC that is switched on at the first row and rises by 9 degC, nearer to where it ends
+    than to 0 degC: its offset is not its response."""
+    t = np.arange(0, 600.0)
+    u = np.where(t < 350, 10.0, 2.0)
+    w = 0.6 * relaxing(u, 1.0, 20.0, 0.0, 0.0) + 0.3 * relaxing(u, 1.0, 90.0, 0.0, 0.0)
+    rng = np.random.default_rng(0)
+    log = sysid.Log.from_arrays(
+        20 + w.real + 0.015 * rng.standard_normal(600), time=t, drive=u, response_unit="degC"
+    )
+    (finding,) = sysid.fit(log).findings
+    assert finding.key == "second_pole"
+    assert abs(finding.numbers["tau_s"].value - 90) < 4 * finding.numbers["tau_s"].std
+
+
+@pytest.mark.parametrize("sags", [True, False])
+def test_the_error_of_g_spans_both_readings_of_an_overshoot(sags):
+    """A drive that begins 18 % higher than it ends, recorded as constant, of a supply that sags or of an
+    amplifier that overshoots: a step does not tell. G of the former was 100 of its errors off."""
+    t = 2.5e-4 * np.arange(400)
+    on, shape = t >= 0.01 - 1e-9, np.exp(-np.maximum(t - 0.01, 0) / 0.015)
+    u = 0.03 * 60 * on * (0.85 + 0.15 * shape) / (1.0 if sags else 0.85)
+    fine = np.repeat(u, 20)  # rows hold their drive: what the plate gets moves within them
+    w = relaxing(fine, 2.5e-4 / 20, 4e-3, 10.0, 0.0)[::20]
+    rng = np.random.default_rng(0)
+    w += 0.004 * rng.standard_normal((2, 400)).T @ [1, 1j]
+    fit = sysid.fit(sysid.Log.from_arrays(w, time=t, drive=60.0 * on, frequency=32140.0))
+    assert fit.findings[0].key == "drive_overshoot"
+    for name, true in {"G": 0.03, "tau": 4e-3, "f0": 32150.0}.items():
+        if fit.parameters[name].determined:
+            assert abs(fit.parameters[name].value - true) < 4 * fit.parameters[name].std

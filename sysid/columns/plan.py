@@ -58,7 +58,9 @@ def per_drive(unit: str) -> tuple[str, str] | None:
     signal, _, drive = unit.rpartition("/")
     if re.fullmatch(r"[pnuµmkM]?[VNA]", drive) and units.is_known(signal) and not units.is_of(unit, "ohm"):
         return signal, drive
-    named = re.search(r"S|siemens|mho|ohm", unit)  # only of these the library is asked, which takes its time
+    named = re.search(
+        r"S|siemens|mho|ohm|V/", unit
+    )  # only of these the library is asked, which takes its time
     ratios = {"S": ("A", "V"), "ohm": ("V", "A")} if named else {}
     return next((of for ratio, of in ratios.items() if units.is_of(unit, ratio)), None)
 

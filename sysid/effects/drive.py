@@ -7,6 +7,7 @@ import numpy as np
 
 from sysid.effects.effect import LEAST_ROWS, SEEN, SWEEP, About, Effect, Fitted, Told, always, positive
 from sysid.effects.number import Number, number
+from sysid.model.theta import NAMES
 from sysid.rows.hold import cut
 from sysid.trials.trial import Trial
 
@@ -153,6 +154,12 @@ def _overshoots(trial: Trial, fitted: Fitted) -> bool:
     return bool(share > SEEN * np.sqrt(along @ fitted.covariance @ along))
 
 
+def _either_level(trial: Trial, values: np.ndarray) -> np.ndarray:
+    """What is recorded may be what the drive settles to or, of a supply that sags, what it begins at, with
+    even odds: about the first the second moment of log G is log(1 + over)^2/2."""
+    return np.eye(1, len(NAMES))[0] * np.log1p(max(float(values[0]), 0.0)) / np.sqrt(2)
+
+
 DRIVE_OVERSHOOT = Effect(
     name="drive_overshoot",
     shows=_steps,
@@ -164,5 +171,6 @@ DRIVE_OVERSHOOT = Effect(
     scope="bench",
     places=lambda trial, about: np.array([[0.0, ratio] for ratio in SETTLES]),
     shown_by=lambda trial, about: SWEEP if _steps(trial) else "",
+    leaves=_either_level,
     makes_sense=_overshoots,
 )

@@ -44,14 +44,24 @@ def _second(trial: Trial, place: float, width: float, drift: float, about: About
     nearest to its resonance; of a decay, of size one at its first row."""
     theta = about.theta + np.array([0.0, width, *(about.half_bandwidth * np.array([place, drift])), 0.0, 0.0])
     theta[NAMES.index("G")] = np.log(_unseen(place, width, about) / about.drive)
-    return _mode(trial, about.reference, tuple(theta.tolist()))
+    return _beside_the_first(trial, theta, about)
+
+
+def _beside_the_first(trial: Trial, theta: np.ndarray, about: About) -> np.ndarray:
+    """(n,) response of another plate, at theta, that begins as the first does."""
+    settled = LogResponse.of(trial, about.reference, about.theta).begins_settled
+    return _response(trial, about.reference, tuple(theta.tolist()), settled)
 
 
 @lru_cache(maxsize=1)  # for both of its quadratures
-def _mode(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...]) -> np.ndarray:
-    """(n,) response of a plate at theta."""
+def _response(
+    trial: Trial, reference: tuple[float, float], theta: tuple[float, ...], settled: bool
+) -> np.ndarray:
+    """(n,) response of a plate at theta, from rest or `settled`."""
     course = LogResponse.of(trial, reference, np.array(theta))
-    return course.as_begun if trial.driven else course.free
+    if not trial.driven:
+        return course.free
+    return course.forced + course.settled * course.free if settled else course.forced
 
 
 def _unseen(place: float, width: float, about: About) -> float:
@@ -207,7 +217,7 @@ def _slower(trial: Trial, ratio: float, about: About) -> np.ndarray:
     settled at the largest drive of the logs."""
     theta = about.theta + np.array([0.0, ratio, 0.0, 0.0, 0.0, 0.0])
     theta[NAMES.index("G")] = -np.log(about.drive)
-    return LogResponse.of(trial, about.reference, theta).as_begun
+    return _beside_the_first(trial, theta, about)
 
 
 def _pole_starts(trial: Trial, about: About) -> np.ndarray:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sysid.model.theta import TWO_PI, Theta
 from sysid.trials.trial import LEAST_WARMING, Trial
 
 ODDS = 20.0  # of one hypothesis against another, from which the other is not told
@@ -29,19 +30,18 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
 
     A plate is driven where it moves: beforehand the odds go with the power of its response, 1/|1 + j ...|^2,
     and an alias of less than one in ODDS is none."""
-    found = []
+    found, at = [], Theta.of(theta)
     for trial in (t for t in trials if t.resonant and not t.steady and not t.log.amplitude_only):
-        steps = np.diff(trial.log.time)
-        even = len(steps) > 1 and np.ptp(steps) < EVEN * np.median(steps)
-        if not even or np.ptp(trial.log.frequency) > 0:
+        rows = trial.whole or trial.log  # means of rows beat less than each of them
+        steps = np.diff(rows.time)
+        if len(steps) < 2 or np.ptp(steps) > EVEN * trial.spacing or np.ptp(rows.frequency) > 0:
             continue
-        warming = float(np.mean(trial.hold(reference).warming))
-        away = theta[2] + theta[3] * warming - (trial.log.frequency[0] - reference[0])
-        other = away - np.copysign(1 / float(np.mean(steps)), away)
-        beside = [abs(1 + 2j * np.pi * f * np.exp(theta[1])) for f in (away, other)]
-        if beside[1] ** 2 < ODDS * beside[0] ** 2:
-            change = [np.log(beside[1] / beside[0]), 0.0, other - away]
-            found.append((tuple(trials), theta + np.array([*change, *np.zeros(len(theta) - 3)])))
+        away = float(at.detuning(trial.hold(reference))[0])
+        other = away - np.copysign(TWO_PI / trial.spacing, away)
+        ratio = abs(1 + 1j * other * np.exp(at.log_tau)) / abs(1 + 1j * away * np.exp(at.log_tau))
+        if ratio**2 < ODDS:
+            alias = at._replace(log_G=at.log_G + np.log(ratio), f0=at.f0 + (other - away) / TWO_PI)
+            found.append((tuple(trials), np.array(alias)))
     return found
 
 

@@ -108,12 +108,16 @@ class LogResponse:
         return self.response.free
 
     @property
-    def as_begun(self) -> np.ndarray:
-        """`forced` from rest or, where the log begins so, of a plate that its first drive held for long."""
-        if not self.trial.held:
-            return self.forced
+    def settled(self) -> complex:
+        """What the first drive of the log leads to."""
         first = steady(self.tau, self.detuning[:1], np.nan_to_num(self.hold.omega[:1], nan=FAR), np)
-        return self.forced + self.gain * self.hold.drive[0] * first[0] * self.free
+        return complex(self.gain * self.hold.drive[0] * first[0])
+
+    @property
+    def begins_settled(self) -> bool:
+        """Whether the state at the first row is nearer to what its drive leads to than to rest."""
+        start = self.trial.bench.start
+        return not self.trial.begun and abs(start - self.settled) < abs(start)
 
     @property
     def rate(self) -> np.ndarray:

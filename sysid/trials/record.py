@@ -82,14 +82,6 @@ class Record:
         return bool(np.any(self.inputs.damped != 1))
 
     @cached_property
-    def held(self) -> bool:
-        """Its first row, of a drive that is on, is nearer to what that leads to than to rest."""
-        if self.steady or not self.driven or self.inputs.drive[0] == 0:
-            return False
-        first = self.log.response[self.inputs.interval == 0]
-        return bool(np.abs(first[0] - np.mean(first[-5:])) < np.abs(first[0]))
-
-    @cached_property
     def off_middle(self) -> np.ndarray:
         """(n,) Hz by which the rows of a sweep are off its middle; of the flux of a coil, to which its
         resistance R adds R/(j omega), by what is the same there, to first order."""
