@@ -263,6 +263,15 @@ def test_a_resonance_and_its_alias_are_both_told():
     assert abs(tau.value - 0.4) < 4 * tau.std
 
 
+def test_rows_at_one_time_have_no_alias():
+    """They have no distance; the fit says what they leave open."""
+    rng = np.random.default_rng(0)
+    w = 1 + 0.01 * rng.standard_normal((2, 30)).T @ [1, 1j]
+    log = sysid.Log.from_arrays(w, time=np.zeros(30), drive=40.0, frequency=31720.0, kind="transient")
+    fit = sysid.fit(log)
+    assert fit.result is not sysid.Result.successful and not fit.parameters["f0"].determined
+
+
 def test_what_begins_at_rest_amid_a_drive_was_not_settled():
     """Of an oven at 20 degC that is switched on at the first row and rises by 9 degC, nearer to where it ends
     than to 0 degC: its offset is not its response."""

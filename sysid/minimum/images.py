@@ -34,7 +34,8 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
     for trial in (t for t in trials if t.resonant and not t.steady and not t.log.amplitude_only):
         rows = trial.whole or trial.log  # means of rows beat less than each of them
         steps = np.diff(rows.time)
-        if len(steps) < 2 or np.ptp(steps) > EVEN * trial.spacing or np.ptp(rows.frequency) > 0:
+        even = len(steps) > 1 and np.ptp(steps) < EVEN * trial.spacing  # no spacing: all rows at one time
+        if not even or np.ptp(rows.frequency) > 0:
             continue
         away = float(at.detuning(trial.hold(reference))[0])
         other = away - np.copysign(TWO_PI / trial.spacing, away)
