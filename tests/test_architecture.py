@@ -23,7 +23,7 @@ shown
 tables     densities units ruled textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
            hdf matlab
            arrays arrow audio tdms jsonlines influx spice uff touchstone citi head
-columns    preset plan metadata signal mapping mapfile labels factors survey roles draft found unknown synonyms timebase owntimes abreast header
+columns    preset plan metadata signal mapping mapfile labels factors survey roles samples draft found unknown synonyms timebase owntimes abreast header
 demodulation  lockin switched carrier waveform
 logs       capture opening missing filled stated parted wrapped timed benchwords together within doubts copies log read alike taken written made
 rows       clock onset dwell hold rounding thermometer lost glitch condense level gap prepare

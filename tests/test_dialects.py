@@ -576,3 +576,15 @@ def test_a_network_analyser_s_export_reads_once_its_draft_is_filled_in(save):
         text = text.replace(f'{key} = "?"', f"{key} = {value}")
     (log,) = read_logs(path, columns=save(text, "map.toml"))
     np.testing.assert_allclose(log.response, 1j * SIGNAL, rtol=1e-13)  # some roundings of dB and degrees
+
+
+@pytest.mark.parametrize("table", [ROWS.replace("\n", "\r\r\n"), ROWS + "\0" * 700], ids=["returns", "zeros"])
+def test_what_loggers_leave_at_the_ends_of_lines_and_files(tmp_path, table):
+    """A text file of Windows, written again as text; a file that was laid out beforehand on a card."""
+    path = tmp_path / "log.csv"
+    head = HEADER.replace("\n", "\r\r\n") if "\r" in table else HEADER
+    path.write_bytes((head + table).encode())
+    check_step(read_logs([path])[0])
+    path.write_bytes((head + table.replace("0.0002", "0.0\x00002", 1)).encode())
+    with pytest.raises(ValueError, match=r"log\.csv, line 4, column 'time_s'"):
+        read_logs([path])

@@ -116,11 +116,73 @@ def test_peak_amplitudes_beside_a_drive_are_a_warning(save):
     (log,) = read_logs(save(table("Frequency [Hz],Voltage [V],X [um],Y [um]", F, 0 * F + 5, *re_im(S))))
     (said,) = log.warnings
     assert "both are taken as peak, by which G goes" in said
-    beside = table("Frequency [Hz],X [um],Y [um],電圧[V]", F, *re_im(S), 0 * F + 5)
+    beside = table("Frequency [Hz],X [um],Y [um],電圧[V],湿度", F, *re_im(S), 0 * F + 5, 0 * F + 40)
     (log,) = read_logs(save(beside))
-    assert any("'Y [um]' as y; not 電圧[V]; a mapping file" in said for said in log.notes)
+    assert any("'電圧[V]' as voltage; not 湿度; a mapping file" in said for said in log.notes)
     stated = table("Frequency [Hz],Voltage [Vrms],X [um rms],Y [um rms]", F, 0 * F + 5, *re_im(S))
     assert not read_logs(save(stated))[0].warnings
+    half = table("Frequency [Hz],Voltage [Vrms],X [um],Y [um]", F, 0 * F + 5, *re_im(S))
+    (said,) = read_logs(save(half))[0].warnings
+    assert said.startswith("nothing says whether the amplitude of the response is peak")
+    told = "# amplitude: rms\n" + table("Frequency [Hz],Drive [V],X [um],Y [um]", F, 0 * F + 5, *re_im(S))
+    (log,) = read_logs(save(told))
+    assert not log.warnings
+    np.testing.assert_allclose(np.abs(log.response), np.sqrt(2) * np.abs(S), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "head, values, unit, peak",
+    [
+        ("Current (mA rms)", 10.0, "mA", 10 * np.sqrt(2)),  # of the one column of a drive's kind, by its unit
+        ("Amp out (V pk)", 3.0, "V", 3.0),
+        ("Drive (dBV)", 6.0, "V", np.sqrt(2) * 10**0.3),  # 0 dBV is one of 1 V rms
+        ("Drive (dBV pk)", 6.0, "V", 10**0.3),
+        ("Drive (dBmV)", 60.0, "mV", 1e3 * np.sqrt(2)),
+    ],
+)
+def test_a_held_column_of_a_drive_s_kind_beside_a_sweep_is_the_drive(save, head, values, unit, peak):
+    (log,) = read_logs(
+        save(table(f"Frequency (Hz),{head},X (um pk),Y (um pk)", F, 0 * F + values, *re_im(S)))
+    )
+    assert log.drive_unit == unit and not log.warnings
+    np.testing.assert_allclose(log.drive, peak, rtol=1e-9)
+
+
+@pytest.mark.parametrize("head", ["Humidity (%)", "Laser power (mW)", "Bias (V)", "Sensor supply (V)"])
+def test_what_is_held_beside_a_sweep_and_drives_nothing_is_no_drive(save, head):
+    (log,) = read_logs(save(table(f"Frequency (Hz),{head},X (um),Y (um)", F, 0 * F + 5, *re_im(S))))
+    assert log.drive is None and any(f"not {head}" in said for said in log.notes)
+
+
+def test_an_acceleration_in_g_is_one_in_metres_per_second_squared(save):
+    """Of x = w cos(omega t) it is -omega^2 x, in multiples of 9.80665 m/s^2."""
+    g = -((2 * np.pi * F) ** 2) * S * 1e-6 / 9.80665
+    for head in ("Accel (g)", "Acceleration (g)", "acc [g]"):
+        (log,) = read_logs(save(table(f"Freq (Hz),Current (A),{head},Phase (deg)", F, 0 * F + 2, *polar(g))))
+        np.testing.assert_allclose(log.response, 1e-6 * 1j * S, rtol=1e-9)
+        assert log.response_unit == "m" and log.drive_unit == "A"
+
+
+def test_x_and_y_of_one_signal_beside_a_frequency_are_its_parts(save):
+    (log,) = read_logs(save(table("Frequency (Hz),Signal X (um),Signal Y (um)", F, *re_im(S))))
+    np.testing.assert_allclose(log.response, 1j * S, rtol=1e-9)
+    three = table("Frequency (Hz),Velocity X (m/s),Velocity Y (m/s),Velocity Z (m/s)", F, *re_im(S), F)
+    refused(save(three), "found no response")  # directions
+
+
+def test_decibels_of_the_largest_are_of_a_ratio(save):
+    (log,) = read_logs(
+        save(table("Frequency (Hz),Magnitude (dB re max),Phase (deg)", F, *decibel(S / np.max(np.abs(S)))))
+    )
+    np.testing.assert_allclose(log.response, 1j * S / np.max(np.abs(S)), rtol=1e-9)
+
+
+def test_a_temperature_with_a_word_before_it_is_the_response_where_nothing_else_is(save):
+    rows = table("Elapsed (s),Heater (V),Oven temperature (degC)", T, 5.0 * (T > 1), 20 + T)
+    (log,) = read_logs(save(rows))
+    assert log.response_unit == "degC" and np.max(log.drive) == 5.0
+    whole = table("time_s,voltage_V,w_um,Oven temperature (degC)", T, 0 * T + 5, 1 + T, 20 + T)
+    refused(save(whole), "did you mean temperature_degC?")
 
 
 def test_what_matters_and_is_not_told_is_refused(save):

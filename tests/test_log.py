@@ -523,7 +523,7 @@ def test_a_row_with_the_wrong_number_of_cells_is_named(save):
     refused(
         save(HEADER + ROWS + "0.3,5.0,32300.0,0.1,1e-"), "line 5", "'wq_um'", "'1e-'", "still being written"
     )
-    refused(save(HEADER + ROWS + "\x00" * 40), "line 5")
+    refused(save(HEADER + ROWS + "0.3,5.0,32" + "\x00" * 40), "line 5", "found 3 columns")
 
 
 def test_decreasing_time_is_named_and_equal_times_are_not(save):

@@ -10,13 +10,14 @@ import numpy as np
 
 from sysid.columns.labels import GAINS, NOT_DATA, OFFSETS, SCATTERING, left_open
 from sysid.columns.plan import ANGLES, SPLITS, per_drive
-from sysid.columns.preset import named, recognised
-from sysid.columns.roles import channels, lone_signal, plausible, roles, undecided, waveform
+from sysid.columns.preset import known_by, known_of
+from sysid.columns.roles import lone_signal, plausible, roles, undecided
+from sysid.columns.samples import channels, waveform
 from sysid.columns.survey import Columns, fits
 from sysid.tables import densities, units
 from sysid.tables.cells import is_number, listed, to_number
 from sysid.tables.csvfile import Head
-from sysid.tables.densities import is_decibel
+from sysid.tables.densities import is_decibel, level_of_volts
 
 PERIODS = ("ts", "dt", "tinterval", "sample_time", "sampletime")  # what the time from row to row is called
 KINDS = {
@@ -45,7 +46,8 @@ def template(head: Head, given: Mapping[str, Any] | None = None) -> str:
         {"time": guessed["time"], "drive": files["of"], "response": files["of"]} if files else {}
     )
     found = samples or lone_signal(columns, guessed)
-    known = _known(head) if given is None else (_instrument(given), _facts(given))
+    known = known_of(head) if given is None else known_by(given)
+    known = known[0] or "the file", {**known[1], **_says(head)}
     unsaid = not {word for label in columns.labels for word in label.words} & (GAINS | _CIRCUIT)
     ratio = columns.ratio or (known[1].get("ratio", "") if unsaid else "")
     ratio = ratio if found.keys() & {"x", "y", "magnitude"} and _is_ratio(columns, found, ratio) else ""
@@ -120,7 +122,10 @@ class _Draft:
                     'amplitude = "peak"  # a signal as it stands, with its sign, is no amplitude of a carrier'
                 )
         told = [
-            self.columns.labels[k].amplitude for name, k in self.found.items() if name in units.AMPLITUDES
+            self.columns.labels[k].amplitude
+            or (name in units.DRIVES and level_of_volts(self.columns.unit(k)))
+            for name, k in self.found.items()
+            if name in units.AMPLITUDES
         ]
         if told and all(told):
             return "# amplitude: as the columns say"
@@ -343,7 +348,7 @@ class _Draft:
         volts."""
         unit = self.columns.shows(index) if index is not None else ""
         words = self.columns.labels[index].words if index is not None else ()
-        called = next((kind for kind in KINDS if kind in words), "?")
+        called = next((kind for kind in KINDS if any(is_short_for(kind, word) for word in words)), "?")
         quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)
         known = self.known.get("quantity", "?")  # of no ratio: its columns are none of an impedance
         quantity = known if quantity == "?" and known != "impedance" else quantity
@@ -351,6 +356,11 @@ class _Draft:
             f'quantity = "{quantity}"  # what the signal shows: "displacement", "velocity",'
             f' "acceleration", "charge", "current", "impedance"; of S11 "reflection", of S21 "transmission"'
         )
+
+
+def is_short_for(kind: str, word: str) -> bool:
+    """Whether a word is that of a kind of signal, or short for it: acc, accel, disp, vel."""
+    return len(word) > 2 and kind.startswith(word)
 
 
 def _root(unit: str) -> str:
@@ -365,25 +375,11 @@ def _is_ratio(columns: Columns, found: Mapping[str, int], ratio: str) -> bool:
     return bool(ratio) and (not unit or (not is_decibel(unit) and units.same_kind(unit, ratio)))
 
 
-def _known(head: Head) -> tuple[str, Mapping[str, str]]:
-    """The instrument that wrote a file, by the lines above its rows, and what it is known to write."""
-    found = recognised((*head.above, str(head.dialect.delimiter).join(head.names)))
-    if found is None:
-        return "", {}
-    known = {key: value for key, value in found.options.items() if key not in found.assumed}
-    return found.instrument, _facts(known)
-
-
-def _instrument(given: Mapping[str, Any]) -> str:
-    """What wrote a file, by the preset that is given."""
-    return named(given["preset"]).instrument if "preset" in given else "an instrument that states none"
-
-
-def _facts(options: Mapping[str, Any]) -> dict[str, str]:
-    """What a mapping file says of files that do not say it: units by name, and words."""
-    words = {key: str(options[key]) for key in ("amplitude", "quantity", "phase_sign") if key in options}
-    ratio = {"ratio": "ohm"} if words.get("quantity") == "impedance" else {}
-    return {**options.get("units", {}), **words, **ratio}
+def _says(head: Head) -> dict[str, str]:
+    """What a file's own metadata say of its amplitudes, and of what its signal shows."""
+    said: dict[str, Mapping[str, Any]] = {"amplitude": units.PEAK, "quantity": KINDS}
+    told = {key.casefold(): value.strip().casefold() for key, value in head.metadata.items()}
+    return {key: told[key] for key, words in said.items() if key in told and told[key] in words}
 
 
 def _quote(text: str) -> str:

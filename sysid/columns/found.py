@@ -31,6 +31,10 @@ TAKEN = {
         "nothing says whether the amplitudes of drive and response are peak, rms or peak to peak: both are"
         " taken as peak, by which G goes; say amplitude in a mapping file (--columns)"
     ),
+    "amplitude of the response": (
+        "nothing says whether the amplitude of the response is peak, rms or peak to peak, as the drive's head"
+        " does: it is taken as peak, by which G goes; say amplitude of it in a mapping file (--columns)"
+    ),
     "quantity": (
         "nothing says what the signal shows: taken as a displacement; of a velocity, an acceleration or a"
         " current G has another unit; say quantity in a mapping file (--columns)"

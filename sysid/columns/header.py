@@ -39,7 +39,7 @@ from sysid.columns.unknown import Unnamed, drafted, not_understood
 from sysid.tables import units
 from sysid.tables.cells import SHOWN, amount, listed
 from sysid.tables.csvfile import Head, LogError
-from sysid.tables.densities import amplitude_of, is_decibel
+from sysid.tables.densities import amplitude_of, is_decibel, level_of_volts
 
 INPUTS = ("time", "frequency", "temperature", "force")
 WHOLE = ("wd", "wq", "w", "response")
@@ -81,8 +81,10 @@ def _found(head: Head, mapping: MappingFile, notes: Iterable[str], usual: tuple[
     """The plan for columns that were found by their heads, with what is said of them, and of what is taken as
     `usual`."""
     plan = file_plan(head, mapping)
-    driven = plan.sources.keys() & {*units.DRIVES}
-    told = [said for key, said in TAKEN.items() if key in usual and (driven or key != "amplitude")]
+    drive = next((plan.sources[name] for name in units.DRIVES if name in plan.sources), None)
+    stated = drive is not None and (parse(drive.label).amplitude or level_of_volts(drive.unit))
+    names = {"amplitude": "amplitude of the response" if stated else "amplitude" if drive else ""}
+    told = [TAKEN[name] for key in usual if (name := names.get(key, key)) in TAKEN]
     return (
         head,
         mapping,

@@ -86,11 +86,11 @@ from typing import Any
 import numpy as np
 
 from sysid.columns.metadata import constants_beside
-from sysid.columns.plan import PHASES, Plan, Source, drive_as, per_drive
+from sysid.columns.plan import GRAVITY, PHASES, Plan, Source, drive_as, per_drive
 from sysid.tables import units
 from sysid.tables.cells import Dialect, listed, to_number
 from sysid.tables.csvfile import Head, LogError
-from sysid.tables.densities import is_decibel, plain, reference
+from sysid.tables.densities import is_decibel, level_of_volts, plain, reference
 from sysid.tables.scattered import RATIOS, SCATTERED, placed
 from sysid.tables.stamps import is_long
 
@@ -300,8 +300,9 @@ class MappingFile:
         index = self.position(key, entry, head)
         label = head.names[index] or f"column {index}"
         unit, amplitude = split_ending(entry.get("unit", head.says(index) or label), "unit" in entry)
-        stated = self.options.get("amplitude", "peak") if name in units.AMPLITUDES else "peak"
-        amplitude = entry.get("amplitude") or amplitude or stated
+        unit = GRAVITY if unit == "g" and self.options.get("quantity") == "acceleration" else unit
+        stated = self.options.get("amplitude") if name in units.AMPLITUDES else None
+        amplitude = entry.get("amplitude") or amplitude or stated or _usual(name, unit)
         dated = name == "time" and head.dated(index)
         unit = "s" if dated else unit
         dated = dated or (
@@ -319,7 +320,7 @@ class MappingFile:
             raise self.fail(key, f'found {text!r}, expected a number and a unit such as "20 degC"')
         unit, amplitude = split_ending(unit.strip() or ("1" if name == "duty" else ""), True)
         self._check_unit(key, name, unit)
-        return Source(key, unit, amplitude or "peak", constant=float(number), written=number)
+        return Source(key, unit, amplitude or _usual(name, unit), constant=float(number), written=number)
 
     def _check_unit(self, key: str, name: str, unit: str) -> None:
         if unit == "?":
@@ -340,16 +341,13 @@ class MappingFile:
         if "response" in sources:
             assumed = f"the response is taken as a displacement: {self.path} does not say quantity"
             return () if "quantity" in self.options else (assumed,)
-        for name in ("voltage", "drive", "wd", "w", "x", "magnitude"):
-            silent = (
-                name in columns
-                and "amplitude" not in columns[name]
-                and not sources[name].label.startswith("[")
-            )
-            unit = columns.get(name, {}).get("unit", sources[name].label if name in columns else "")
+        for name in (n for n in ("voltage", "drive", "wd", "w", "x", "magnitude") if n in columns):
+            source = sources[name]
+            silent = "amplitude" not in columns[name] and not source.label.startswith("[")
             stated = (
                 "amplitude" in self.options
-                or units.split_amplitude(unit)[1]
+                or units.split_amplitude(columns[name].get("unit", source.label))[1]
+                or _usual(name, source.unit) != "peak"
                 or self.options.get("quantity") in RATIOS
             )
             if silent and not stated:
@@ -366,6 +364,11 @@ class MappingFile:
                     f" the frequency: {self.path} does not say phase_sign"
                 )
         return tuple(notes)
+
+
+def _usual(name: str, unit: str) -> str:
+    """What an amplitude in this unit is where nothing else says it: of a drive in dBV rms."""
+    return (level_of_volts(unit) if name in units.DRIVES else "") or "peak"
 
 
 def select_rows(rows: Any, value: str | None, count: int, where: str) -> np.ndarray | None:

@@ -12,6 +12,7 @@ from sysid.tables import units
 ERRORS = ("std", "std_q")
 # of columns that number experiments
 SPLITS = ("log", "chunk", "sweep", "run", "segment", "block", "experiment")
+GRAVITY = "g_0"  # of an acceleration in g: for the library of units a g is a gram
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 # of a column that is called a phase: a displacement may be in mrad
 PHASES = ANGLES | {"mrad": 1e-3, "urad": 1e-6, "mdeg": math.pi / 180e3}

@@ -5,13 +5,14 @@ no file tells; `presets/NAME.toml` is the mapping file."""
 
 import re
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from sysid.tables import units
+from sysid.tables.csvfile import Head
 
 FOLDER = Path(__file__).parent / "presets"
 PREFIX = "preset:"
@@ -72,3 +73,25 @@ def recognised(lines: Iterable[str]) -> Preset | None:
     """The preset of the instrument that wrote a file with these lines above its rows; None of any other."""
     lines = list(lines)
     return next((one for one in presets().values() if one.wrote(lines)), None)
+
+
+def known_of(head: Head) -> tuple[str, dict[str, str]]:
+    """The instrument that wrote a file, by the lines above its rows, and what it is known to write."""
+    found = recognised((*head.above, str(head.dialect.delimiter).join(head.names)))
+    if found is None:
+        return "", {}
+    known = {key: value for key, value in found.options.items() if key not in found.assumed}
+    return found.instrument, _facts(known)
+
+
+def known_by(options: Mapping[str, Any]) -> tuple[str, dict[str, str]]:
+    """What wrote a file, by the preset that a mapping file's options name, and what they say of it."""
+    wrote = named(options["preset"]).instrument if "preset" in options else "an instrument that states none"
+    return wrote, _facts(options)
+
+
+def _facts(options: Mapping[str, Any]) -> dict[str, str]:
+    """What a mapping file says of files that do not say it: units by name, and words."""
+    words = {key: str(options[key]) for key in ("amplitude", "quantity", "phase_sign") if key in options}
+    ratio = {"ratio": "ohm"} if words.get("quantity") == "impedance" else {}
+    return {**options.get("units", {}), **words, **ratio}

@@ -1,9 +1,7 @@
 """Which column of another instrument's file is probably which: by its head, its unit, the columns beside it
 and its numbers."""
 
-import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +10,6 @@ from sysid.columns.survey import LEVELS, Columns, fits, is_hertz
 from sysid.tables import units
 from sysid.tables.densities import is_decibel
 
-QUICK = 1e-5  # s from row to row, below which rows are samples of a carrier rather than its amplitudes
 TURN = 360.0  # degrees, beyond which a principal angle does not go
 FLICKER = 3  # times as often as a drive a reading of few digits changes, at least
 COUNTERS = {
@@ -48,6 +45,7 @@ SAY_NOTHING = {
     "values",
     "formatted",
 }  # of what a trace is
+DRIVES = {"V": "voltage", "%": "duty", "A": "drive", "N": "drive", "W": "drive"}  # by the unit
 # of one signal in one unit, else: a current is no part of a signal in V
 LETTER_PAIRS = {("i", "q"): ("x", "y"), ("cos", "sin"): ("x", "y"), ("d", "q"): ("wd", "wq")}
 _PAIRS = (("wd", "wq"), ("x", "y"), ("magnitude", "phase"))
@@ -64,47 +62,8 @@ def roles(columns: Columns) -> dict[str, int]:
     if columns.head.dialect.join is not None and len(whole) < 2:
         whole = _response(columns, found | _two_traces(columns, found))
     spare = {"wd", "wq", "w", "x", "y", "magnitude", "phase"}
-    return {name: index for name, index in guessed.items() if name not in spare} | whole
-
-
-def waveform(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
-    """Time, drive and response of what looks like an oscilloscope's record: steps too short for amplitudes,
-    or a column beside two of volts. Empty for any other file."""
-    time, count = guessed.get("time"), len(columns.labels)
-    others = [k for k in range(count) if k != time and columns.holds_data(k) and not columns.repeats(k, time)]
-    volts = [index for index in others if fits("voltage", columns.unit(index))]
-    pair = count == 3 and len(volts) == 2
-    sampled = any(key.casefold().startswith("sample_rate") for key in columns.head.metadata)
-    quick = sampled if time is None else 0 < columns.step(time) < QUICK
-    if guessed.keys() & {"wd", "x", "magnitude", "frequency"} or len(others) < 2 or not (pair or quick):
-        return {}
-    others = volts if pair else others
-    drive = guessed.get("voltage", next(index for index in others if index != guessed.get("w")))
-    response = guessed.get("w", next(index for index in others if index != drive))
-    response = response if response != drive else next(index for index in others if index != drive)
-    return ({} if time is None else {"time": time}) | {"drive": drive, "response": response}
-
-
-def channels(columns: Columns, guessed: Mapping[str, int]) -> dict[str, Any]:
-    """Of one channel of an oscilloscope whose others are in files of their own, by the name of this one:
-    patterns of the files of the drive and of the response, and the column `of` the samples in each. Empty of
-    any other file."""
-    head = columns.head
-    named = re.fullmatch(
-        r"(.*?)(ch|chan|channel|c)([-_ ]?)([1-8])(?!\d)(.*?)(\.\w+)?", head.name, re.IGNORECASE
-    )
-    others = [k for k in range(len(head.names)) if k != guessed.get("time") and columns.holds_data(k)]
-    if (
-        named is None
-        or "time" not in guessed
-        or len(others) != 1
-        or not 0 < columns.step(guessed["time"]) < QUICK
-    ):
-        return {}
-    before, word, mark, number, behind, ending = named.groups(default="")
-    pair = ("1", "2" if number == "1" else number)
-    patterns = [f"{'*' if before else ''}{word}{mark}{k}{'*' if behind else ''}{ending}" for k in pair]
-    return {"of": others[0], "drive": patterns[0], "response": patterns[1]}
+    told = {name: index for name, index in guessed.items() if name not in spare} | whole
+    return told | (_held(columns, told) if whole else {})
 
 
 def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
@@ -133,7 +92,7 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
     if "frequency" in found and not columns.is_signed(found["w"]) and as_magnitude:
         found["magnitude"] = found.pop("w")
         found |= {"phase": phases[0]} if len(phases) == 1 else {}
-    return found
+    return found | _held(columns, found)
 
 
 def rivals(columns: Columns) -> list[int]:
@@ -183,14 +142,27 @@ def _telling(columns: Columns, left: list[int]) -> list[int]:
 def _off_at_first(columns: Columns, found: Mapping[str, int]) -> dict[str, int]:
     """The drive, where nothing is called so: the one column of its kind that is left, and 0 in the first
     rows."""
-    if found.keys() & {*units.DRIVES} or "time" not in found:
+    may = _may_drive(columns, found) if "time" in found else {}
+    off = [k for k in may if not columns.numbers(k).any()]
+    return {may[off[0]]: off[0]} if len(off) == 1 else {}
+
+
+def _held(columns: Columns, found: Mapping[str, int]) -> dict[str, int]:
+    """The drive of a sweep, where nothing is called so: the one column of its kind that is left, and held: no
+    share, as of humidity, and no power, to which a response is not linear."""
+    may = _may_drive(columns, found) if "frequency" in found else {}
+    held = [k for k in may if columns.is_held(k) and columns.numbers(k).any()]
+    kinds = [k for k in held if any(units.same_kind(columns.unit(k), of) for of in "VAN")]
+    return {may[held[0]]: held[0]} if len(held) == 1 and kinds else {}
+
+
+def _may_drive(columns: Columns, found: Mapping[str, int]) -> dict[int, str]:
+    """Columns that are left and in the unit of a drive, by what it is called; none where one is found."""
+    if found.keys() & {*units.DRIVES}:
         return {}
     free = [k for k in range(len(columns.labels)) if k not in found.values() and columns.holds_data(k)]
     free = [k for k in free if columns.unit(k) and not {*columns.labels[k].words} & NOT_MEANT["voltage"]]
-    kinds = {"V": "voltage", "%": "duty", "A": "drive", "N": "drive", "W": "drive"}
-    called = {k: [n for of, n in kinds.items() if units.same_kind(columns.unit(k), of)] for k in free}
-    off = [k for k in free if called[k] and not columns.numbers(k).any()]
-    return {called[off[0]][0]: off[0]} if len(off) == 1 else {}
+    return {k: name for k in free for of, name in DRIVES.items() if units.same_kind(columns.unit(k), of)}
 
 
 def _without_drive(columns: Columns, found: dict[str, int], left: list[int]) -> list[int]:
@@ -271,8 +243,10 @@ def _named(columns: Columns) -> dict[str, list[int]]:
     }:  # a level, or a heater's power, over time is what it is called
         called = [k for k in found.pop("magnitude", ()) if columns.labels[k].part]
         found |= {"magnitude": called} if called else {}
-    for pair, names in LETTER_PAIRS.items():
-        both = [[k for k, label in enumerate(columns.labels) if label.words[-1:] == (word,)] for word in pair]
+    # beside a frequency two letters are parts of one signal; three, or over time alone, are directions
+    parts = {("x", "y"): ("x", "y")} if "frequency" in found and not _called(columns, "z") else {}
+    for pair, names in (LETTER_PAIRS | parts).items():
+        both = [_called(columns, word) for word in pair]
         alike = {(columns.unit(k), columns.labels[k].words[:-1]) for of in both for k in of}
         if [len(of) for of in both] == [1, 1] and len(alike) == 1 and not found.keys() & {*names}:
             found |= dict(zip(names, both, strict=True))
@@ -283,6 +257,11 @@ def _named(columns: Columns) -> dict[str, list[int]]:
         if name not in found and free and fits(name, columns.unit(0)):
             found[name] = [0]
     return found
+
+
+def _called(columns: Columns, letter: str) -> list[int]:
+    """The columns whose last word is a letter."""
+    return [k for k, label in enumerate(columns.labels) if label.words[-1:] == (letter,)]
 
 
 def _meant(columns: Columns, name: str, found: Mapping[str, list[int]]) -> list[int]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from sysid.columns.labels import ANGULAR, INPUTS, STAMPED, folded
 from sysid.columns.metadata import stated, stated_constant
 from sysid.columns.plan import Source, is_absent
-from sysid.columns.unknown import drafted
+from sysid.columns.unknown import Unnamed, drafted
 from sysid.tables import units
 from sysid.tables.cells import is_number
 from sysid.tables.csvfile import Head, LogError
@@ -131,9 +131,10 @@ def refuse_misspelt(
             else []
         )
         if near:
-            raise LogError(
-                f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?", drafted(head)
-            )
+            said = f"{head.path}: found column {label!r}, did you mean {near[0]}_{unit}?"
+            # of no file of ours: one of its words may be all that is alike
+            other = near[0] in folded(name).split() and not sources.keys() & {"w", "wd", "wq"}
+            raise Unnamed(said, head) if other else LogError(said, drafted(head))
 
 
 def _is_misspelt(name: str, quantity: str, unit: str) -> bool:

@@ -26,7 +26,7 @@ _UNIT = r"[fpnuµmkMG]?(?:V|A|W|N|Pa|C|S|m|g|ohm|Ω)(?:\s*[/*·^²]\s*[^\s()\[\]
 _RE = rf"(?:re\b:?\s*)?(?:1(?:\.0*)?\s*)?(?P<{{}}>{_UNIT})"
 _REFERENCE = re.compile(
     rf"(?<![A-Za-z])dB\s*(?:[(\[]\s*(?:{_RE.format('a')}|re\b:?[^()\[\]]*)\s*[)\]]"
-    rf"|re\b:?\s*(?:1(?:\.0*)?\s*)?(?P<b>{_UNIT})|re\b:?[^()\[\]]*)"
+    rf"|re\b:?\s*(?:1(?:\.0*)?\s*)?(?P<b>{_UNIT})(?![A-Za-z])|re\b:?[^()\[\]]*)"
 )
 _VOLTS = re.compile(r"(?<![A-Za-z])dB([muµ]V)(?![A-Za-z])")
 _QUOTIENTS = re.compile(r"\(\s*([^\s()/]+\s*/\s*[^\s()/]+)\s*\)\s*/\s*([A-Za-zµ]+)")  # (m/s) / V
@@ -47,7 +47,7 @@ def plain(text: str) -> str:
 
     >>> plain("ASD [pm/√Hz]"), plain("(m/s)²/Hz"), plain("Vrms2/Hz"), plain("PSD (dBm/Hz)")
     ('ASD [pm/Hz^0.5]', 'm^2/s^2/Hz', 'V^2/Hz rms', 'PSD (dBm)')
-    >>> plain("Magnitude [dB(m/s/V)]"), plain("Mag dB re 1 mm/s"), plain("dB (S21)"), plain("dB re 3 V")
+    >>> plain("Magnitude [dB(m/s/V)]"), plain("Mag dB re 1 mm/s"), plain("dB (S21)"), plain("dB re max")
     ('Magnitude [dB:m/s/V]', 'Mag dB:mm/s', 'dB (S21)', 'dB')
     >>> plain("Real [ (m/s) / V ]")
     'Real [ m/s/V ]'
@@ -95,6 +95,15 @@ def reference(unit: str) -> str:
 def is_decibel(unit: str) -> bool:
     """Whether a column in this unit is 20 log10 of an amplitude."""
     return unit in ("dB", "dBm", "dBV") or unit.startswith(LEVEL)
+
+
+def level_of_volts(unit: str) -> str:
+    """ "rms" of decibels over a volt, as 0 dBV is one of 1 V rms; "" of any other unit.
+
+    >>> level_of_volts("dBV"), level_of_volts("dB:mV"), level_of_volts("dB:mm/s"), level_of_volts("V")
+    ('rms', 'rms', '', '')
+    """
+    return "rms" if is_decibel(unit) and re.fullmatch(r"[fpnuµmk]?V", reference(unit)) else ""
 
 
 def written(unit: str) -> str:

@@ -38,6 +38,7 @@ FOREIGN = {
     b"\x80\x05\x95": "a pickle of Python, which is never opened",
 }
 NEAR = 1 << 16  # bytes in which a file that is one long line to others shows what ends its lines
+DOUBLED = b"\r\r\n"  # of a line end that went through a file in text mode of Windows
 # A time that a serial monitor writes before each line that it receives.
 _RECEIVED = re.compile(rb"^(\d\d:\d\d:\d\d\.\d{3}) -> ", re.MULTILINE)
 # The names of columns on the first line, with lines of their own in quotes; no comment that holds a quote.
@@ -85,14 +86,15 @@ def open_text(path: str) -> BinaryIO:
     """The file's bytes, decompressed when they are packed. A file that is no text: LogError."""
     with open(path, "rb") as file:
         first = file.read(NEAR)
+        padded = b"\n" in first and file.seek(-1, os.SEEK_END) and file.read() == b"\0"
     if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
         raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
     if first.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return _from_utf16(path)
     opener = next((opener for mark, opener in PACKED.items() if first.startswith(mark)), None)
-    returns = b"\r" in first and b"\n" not in first
+    returns = b"\r" in first and (b"\n" not in first or DOUBLED in first)
     broken = first.partition(b"\n")[0].count(b'"') % 2 == 1
-    if opener is None and (returns or broken or _RECEIVED.match(first) or is_ruled(first)):
+    if opener is None and (returns or padded or broken or _RECEIVED.match(first) or is_ruled(first)):
         return _from_lines(path)
     return (opener or open)(path, "rb")
 
@@ -116,10 +118,11 @@ def _from_utf16(path: str) -> BinaryIO:
 
 def _from_lines(path: str) -> BinaryIO:
     """The text with line feeds where it has carriage returns alone, of a Macintosh, the times of a serial
-    monitor as a column, a header whose cells have lines of their own on the last of them, and without what is
-    drawn around cells; whole in memory."""
+    monitor as a column, a header whose cells have lines of their own on the last of them, and without returns
+    that were written twice, the zero bytes of a file that a logger laid out beforehand, and what is drawn
+    around cells; whole in memory."""
     with open(path, "rb") as file:
-        text = file.read()
+        text = file.read().rstrip(b"\0").replace(DOUBLED, b"\r\n")
     text = text if b"\n" in text else text.replace(b"\r", b"\n")
     if _RECEIVED.match(text):
         first = text.partition(b"\n")[0]

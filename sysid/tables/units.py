@@ -13,7 +13,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from sysid.tables.densities import level_at_end, plain
+from sysid.tables.densities import level_at_end, level_of_volts, plain, reference
 
 INTERNAL = {
     "time": "s",
@@ -71,24 +71,8 @@ _USUAL = {
     "voltage": ("V", "mV", "kV", "uV"),
 }
 _PLAIN = (
-    "um",
-    "nm",
-    "mm",
-    "m",
-    "m/s",
-    "mm/s",
-    "um/s",
-    "V",
-    "mV",
-    "uV",
-    "A",
-    "mA",
-    "uA",
-    "S",
-    "C",
-    "degC",
-    "1",
-    "%",
+    *("um", "nm", "mm", "m", "m/s", "mm/s", "um/s"),
+    *("V", "mV", "uV", "A", "mA", "uA", "S", "C", "degC", "1", "%"),
 )
 _POWERS = {"n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = re.compile(r"([numkMG]?)(s|Hz|m|V|A|N|m/s)")
@@ -166,7 +150,9 @@ def parse_name(label: str) -> Name | None:
     if quantity in AMPLITUDES:
         unit, stated = split_amplitude(unit)
         amplitude = stated or amplitude
-    return Name(quantity, _in_case(quantity, short(unit)), amplitude or "peak")
+    unit = _in_case(quantity, short(unit))
+    level = level_of_volts(unit) if quantity in DRIVES else ""
+    return Name(quantity, unit, amplitude or level or "peak")
 
 
 def bench_time(key: str) -> tuple[str, str] | None:
@@ -261,9 +247,11 @@ def _in_case(quantity: str, unit: str) -> str:
 
 def check_unit(quantity: str, unit: str) -> None:
     """Raise ValueError when `unit` is unknown or of the wrong kind for `quantity`, with what was expected."""
-    reference = REFERENCE.get(quantity)
-    if unit == reference or unit in _USUAL.get(quantity, ()) or (reference is None and unit in _PLAIN):
+    kind = REFERENCE.get(quantity)
+    if unit == kind or unit in _USUAL.get(quantity, ()) or (kind is None and unit in _PLAIN):
         return
+    if quantity in DRIVES and unit not in ("", "dB"):
+        unit = reference(unit)  # dBV, of which the amplitude is read
     usual = _USUAL.get(quantity, _PLAIN)
     expected = f"expected a unit of {quantity} such as {', '.join(usual[:4])}"
     if not unit:
@@ -275,8 +263,18 @@ def check_unit(quantity: str, unit: str) -> None:
     ):  # MV: of a header in capitals, a millivolt
         raise ValueError(f"found the unit {unit!r}, of a million, {expected}; did you mean {milli!r}?")
     parsed = _parse(unit)
-    if parsed is None or (reference and parsed.dimensionality != _parse(reference).dimensionality):
-        raise ValueError(f"found the unit {unit!r}, {expected}{did_you_mean(unit, usual)}")
+    if parsed is None or (kind and parsed.dimensionality != _parse(kind).dimensionality):
+        named = (
+            "; a current, a force or a pressure that drives is called drive"
+            if _drives(quantity, unit)
+            else ""
+        )
+        raise ValueError(f"found the unit {unit!r}, {expected}{named or did_you_mean(unit, usual)}")
+
+
+def _drives(quantity: str, unit: str) -> bool:
+    """Whether what is called a voltage is a drive of another kind."""
+    return quantity == "voltage" and any(same_kind(unit, kind) for kind in ("A", "N", "Pa"))
 
 
 def is_known(unit: str) -> bool:
