@@ -72,7 +72,8 @@ def fit(
     best = states[0]
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     found = _concluded(question, states)
-    restless, sure = decays(best)[0], False
+    ranged = any(f.key == "range" for f in found.findings)  # whose rows are to be scaled before anything else
+    restless, sure = [] if ranged else decays(best)[0], False
     names = _called_for(best, found.judged, bool(restless), nuisances)
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
@@ -81,7 +82,7 @@ def fit(
     driven = restless and not other
     if driven and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
         return told
-    untold = found.modes[0].converged and not (found.parameters["tau"].determined or other)
+    untold = found.modes[0].converged and not (ranged or found.parameters["tau"].determined or other)
     if untold and (told := _of_decays(best, given, found)) is not None:
         return told
     if found.result is Result.misfit and (told := _read_otherwise(logs, question, given, start)) is not None:
@@ -125,7 +126,7 @@ def _called_for(best: State, judged: Judged, restless: bool, names: Sequence[str
     while; of driven rows that no plate explains, no other, unless a plate may beat with a drive of which no
     frequency is known; of what harms nothing, those that it is to first order."""
     restless = restless and all(t.resonant for t in best.trials)
-    each = [e for e in EFFECTS if e.hop is None or not judged.apart]
+    each = [e for e in EFFECTS if e.hop is None or judged.apart is None]
     if not judged.wrong and not any(slow(best, i) for i in range(len(best.trials))):
         known = {f.name for f in judged.found if f.certain}
         each = [e for e in each if known & {e.name, *e.known_as}]
@@ -152,7 +153,9 @@ def _with_effects(
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
         if anew.result is Result.successful or _tells(anew, found):
             return again, anew, True
-    if judged.apart and not (outcome.surely and outcome.described):  # likelier than plates of their own
+    if judged.apart is not None and not (
+        outcome.surely and outcome.described
+    ):  # likelier than plates of their own
         alike = outcome.named.findings("noted", "which is about as likely") if outcome.described else ()
         warnings = (*found.warnings, *(f.sentence for f in alike))
         return question, replace(found, findings=(*found.findings, *alike), warnings=warnings), False

@@ -46,6 +46,17 @@ def test_a_range_that_changes_amid_a_transient_is_named(row, by):
     assert said, fit.warnings
 
 
+def test_a_range_that_changes_between_a_step_up_and_one_down_is_named():
+    """It was "restless", by which tau was that of the decay, in another range than the rows before."""
+    log = step(0, 0.003)
+    drive = log.drive * (np.arange(N) < 110)
+    response = reference.ringing(PLANT, log.time, drive, log.frequency, np.full(N, 24.0))
+    log = replace(log, drive=drive, response=response + reference.noise(N, 0.003, 1))
+    fit = sysid.fit([scaled(log, 70, 10.0)])
+    assert [f.key for f in fit.findings] == ["range"] and fit.result is Result.misfit
+    assert not any(p.determined for p in fit.parameters.values())  # of rows that are to be scaled first
+
+
 def test_no_range_changes_in_what_goes_on():
     """Steps and ring-downs of all kinds of noise, some in coarse steps, of two to sixty rows in one tau."""
     for seed in range(200):

@@ -161,13 +161,12 @@ REFUSED = {
     "packed UTF-16": (gzip.compress(TEXT.encode("utf-16")), "UTF-16"),
     "two byte order marks": ("\ufeff\ufeff" + TEXT, "did you mean time_s"),
     "carriage returns among the rows": (HEADER + TEXT[len(HEADER) :].replace("\n", "\r"), "carriage return"),
-    "CR CR LF": (TEXT.replace("\n", "\r\r\n"), "carriage return"),
     "LF CR": (TEXT.replace("\n", "\n\r"), "carriage return"),
     "next line (U+0085)": (TEXT.replace("\n", "\u0085"), ""),
     "line separator (U+2028)": (TEXT.replace("\n", "\u2028"), ""),
     "form feed at the end": (TEXT + "\x0c\n", "line 5"),
     "control-Z at the end": (TEXT + "\x1a", "line 5"),
-    "zeros at the end": (TEXT + "\0" * 4096, "line 5"),
+    "zeros among the rows": (TEXT + "\0" * 4096 + "\n", "line 5"),
     "gzip cut off": (gzip.compress(TEXT.encode())[:-9], "cannot be read"),
     "gzip and garbage": (gzip.compress(TEXT.encode()) + b"garbage", "cannot be read"),
     "gzip of another sum": (gzip.compress(TEXT.encode())[:-8] + b"\0" * 8, "cannot be read"),
@@ -267,6 +266,8 @@ def test_files_that_are_refused_by_name(path, name):
 # ------------------------------------------------------------------------------------------------
 
 READ = {
+    "CR CR LF": TEXT.replace("\n", "\r\r\n"),
+    "zeros at the end": TEXT + "\0" * 4096,
     "a spreadsheet's sep=": "sep=,\n" + TEXT,
     "commas below the rows": TEXT + ",,,,\n , ,\n,\n",
     "commas below the rows, without a line end": TEXT + ",,,,",

@@ -15,7 +15,7 @@ from sysid.effects.effect import (
     size,
 )
 from sysid.effects.mode import TURNS, Left
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.trials.trial import SLOPED, Trial
 
 # Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
@@ -34,7 +34,7 @@ def _fed_through(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _fed_said(trial: Trial, found: dict[str, Number]) -> Told:
     share, error = size(found)
     return Told(
-        f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {error:.1g} % of the largest"
+        f"under its amplitude lies a feedthrough of the drive, {share:.2g} ± {pm(error)} % of the largest"
         f" response",
         "of a capacitance in parallel, of a resonance outside of the sweep, or as a velocity or an"
         " acceleration is no displacement (state its quantity in a mapping file); record wd and wq, or both"
@@ -69,7 +69,7 @@ def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _sloped_said(trial: Trial, found: dict[str, Number]) -> Told:
     change, error = (2 * x for x in size(found))
     return Told(
-        f"its background changes by {change:.2g} ± {error:.1g} % of the largest response from one end of its"
+        f"its background changes by {change:.2g} ± {pm(error)} % of the largest response from one end of its"
         " frequencies to the other",
         "of what else the drive reaches, or of an output offset that drifts; sweep back as well",
     )
@@ -135,8 +135,8 @@ def _tone_said(trial: Trial, found: dict[str, Number]) -> Told:
     hertz, share = found["tone_Hz"], found["size"]
     beside = "beside the drive's frequency" if trial.resonant else "in it"
     return Told(
-        f"a tone of {hertz.value:.5g} ± {hertz.std:.1g} Hz {beside}, of {100 * share.value:.2g} ±"
-        f" {100 * share.std:.1g} % of the largest response, as of hum or of another source",
+        f"a tone of {hertz.value:.5g} ± {pm(hertz.std)} Hz {beside}, of {100 * share.value:.2g} ±"
+        f" {pm(100 * share.std)} % of the largest response, as of hum or of another source",
         "find what it comes from, or record longer",
     )
 

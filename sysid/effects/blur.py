@@ -16,7 +16,7 @@ import numpy as np
 from numpy.polynomial.hermite_e import hermegauss, hermeval
 
 from sysid.effects.effect import LEAST_ROWS, About, Effect, Told, always, nowhere, positive, sweep
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
@@ -44,7 +44,7 @@ def _said(trial: Trial, found: dict[str, Number]) -> Told:
     std = found["std_Hz"]
     return Told(
         f"its peak is blurred over the frequency, as by a standard deviation of {std.value:.3g} ±"
-        f" {std.std:.1g} Hz: by an analyser's bandwidth, as a mean of sweeps between which the resonance"
+        f" {pm(std.std)} Hz: by an analyser's bandwidth, as a mean of sweeps between which the resonance"
         " moved, or by two modes that are nearer than they are wide",
         "record a single sweep, of a bandwidth much below that of the plate",
     )

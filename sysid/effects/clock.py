@@ -20,7 +20,7 @@ from sysid.effects.effect import (
     shifted,
     undone,
 )
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.model.theta import NAMES
 from sysid.rows.hold import read_at
 from sysid.trials.perturbed import LogResponse
@@ -69,7 +69,7 @@ def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
     way = "behind" if late.value > 0 else "before"
     or_else = ", or the demodulator's lockin_tau_s and lockin_order" if late.value > 0 else ""
     return Told(
-        f"the response is {abs(late.value):.3g} ± {late.std:.1g} s {way} the inputs that are recorded",
+        f"the response is {abs(late.value):.3g} ± {pm(late.std)} s {way} the inputs that are recorded",
         f"state delay_s ({stated:.4g}){or_else}",
     )
 
@@ -126,7 +126,7 @@ def _filter(order: int) -> Effect:
         another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
         another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
         says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
-        what = f"{says} one of {poles} of {time.value:.3g} ± {time.std:.1g} s"
+        what = f"{says} one of {poles} of {time.value:.3g} ± {pm(time.std)} s"
         return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
 
     def makes_sense(trial: Trial, fitted: Fitted) -> bool:
@@ -191,7 +191,7 @@ def _apart_said(trial: Trial, found: dict[str, Number]) -> Told:
     way = "later" if late.value > 0 else "earlier"
     return Told(
         f"its inputs change between its rows: that of {of.value:.4g} s after its first row by"
-        f" {abs(late.value):.2g} ± {late.std:.1g} s {way}, others by less",
+        f" {abs(late.value):.2g} ± {pm(late.std)} s {way}, others by less",
         "run the recorder by the clock of the generator, or record faster",
     )
 
@@ -243,7 +243,7 @@ def _lost(share: float) -> Effect:
         rows, begins = found["rows"], found["after_s"]
         return Told(
             f"from about {begins.value:.2g} s after its first row on it is ahead by {rows.value:.2g} ±"
-            f" {rows.std:.1g} rows: rows seem to be missing there, though the times go on",
+            f" {pm(rows.std)} rows: rows seem to be missing there, though the times go on",
             "record it again, or leave it out",
         )
 
@@ -285,7 +285,7 @@ def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
     dwell = found["dwell_s"]
     return Told(
-        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {dwell.std:.1g} s)",
+        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {pm(dwell.std)} s)",
         f"dwell {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind:"
         f" transient",
     )
@@ -319,12 +319,12 @@ def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
         )
     if delay.value < 0:
         return Told(
-            f"its phase rises along the sweep, as if a delay of {-delay.value:.4g} ± {delay.std:.1g} s that"
+            f"its phase rises along the sweep, as if a delay of {-delay.value:.4g} ± {pm(delay.std)} s that"
             " is not there had been undone",
             "see what the instrument takes off, or state delay_s below zero",
         )
     return Told(
-        f"its phase falls along the sweep as behind a delay of {delay.value:.4g} ± {delay.std:.1g} s",
+        f"its phase falls along the sweep as behind a delay of {delay.value:.4g} ± {pm(delay.std)} s",
         "state delay_s",
     )
 

@@ -22,7 +22,7 @@ from sysid.effects.effect import (
     sweep,
     undone,
 )
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.rows.thermometer import was_read
 from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.trial import LEAST_WARMING, Trial
@@ -65,7 +65,7 @@ def _goes_along(trial: Trial) -> bool:
 def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift = found["shift_Hz"]
     return Told(
-        f"its resonance drifts by {shift.value:+.3g} ± {shift.std:.1g} Hz from the first row to the last",
+        f"its resonance drifts by {shift.value:+.3g} ± {pm(shift.std)} Hz from the first row to the last",
         "f0 may be that of any row; record the temperature of every row, or wait until it is constant",
     )
 
@@ -96,7 +96,7 @@ def _heated(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift, time = found["shift_Hz"], found["time_s"]
     return Told(
-        f"its resonance drifts by up to {shift.value:+.3g} ± {shift.std:.1g} Hz as the plate heats itself,"
+        f"its resonance drifts by up to {shift.value:+.3g} ± {pm(shift.std)} Hz as the plate heats itself,"
         f" within about {time.value:.2g} s",
         "f0 is that before; record the temperature of every row on the plate, or drive it less",
     )
@@ -152,7 +152,7 @@ def _lagged(trial: Trial, lag: float, over: float) -> Trial:
 def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:
     lag = found["lag_s"]
     return Told(
-        f"the temperature that is recorded is {abs(lag.value):.3g} ± {lag.std:.1g} s"
+        f"the temperature that is recorded is {abs(lag.value):.3g} ± {pm(lag.std)} s"
         f" {'behind' if lag.value > 0 else 'ahead of'} the plate's",
         "warm it more slowly, or wait until it is constant",
     )
@@ -219,7 +219,7 @@ def _offset_drift(
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         share, error = size(found)
-        by = f"by {share:.2g} ± {error:.1g} % of the largest response"
+        by = f"by {share:.2g} ± {pm(error)} % of the largest response"
         return Told(f"its output offset {what.format(by)}", to_do)
 
     return Effect(
@@ -275,7 +275,7 @@ def _turning(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _turning_said(trial: Trial, found: dict[str, Number]) -> Told:
     turn = found["turn_deg"]
     return Told(
-        f"its phase turns by {turn.value:+.3g} ± {turn.std:.1g} degrees from the first row to the last",
+        f"its phase turns by {turn.value:+.3g} ± {pm(turn.std)} degrees from the first row to the last",
         "lock the demodulator to the source of the drive, or record faster",
     )
 
@@ -303,7 +303,7 @@ def _elsewhere(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _elsewhere_said(trial: Trial, found: dict[str, Number]) -> Told:
     off = found["off_Hz"]
     return Told(
-        f"its resonance is {off.value:+.4g} ± {off.std:.1g} Hz off that of the other logs, and its"
+        f"its resonance is {off.value:+.4g} ± {pm(off.std)} Hz off that of the other logs, and its"
         " temperature is not recorded",
         "record it: f0 is that of the logs of which this is not said",
     )

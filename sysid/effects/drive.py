@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from sysid.effects.effect import LEAST_ROWS, SEEN, SWEEP, About, Effect, Fitted, Told, always, positive
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.model.theta import NAMES
 from sysid.rows.hold import cut
 from sysid.trials.trial import Trial
@@ -17,7 +18,8 @@ LOST = np.array([0.1, 0.3, 0.5])  # of the largest drive, above an amplifier's l
 BENT = np.array([-0.3, -0.1, 0.1, 0.3])  # of the largest drive, as a sine or an amplifier bends it
 LEAST_LIMIT = 0.1  # of the largest drive
 OVER = 0.3  # of a change of the drive, by which an amplifier usually overshoots it at the most
-SETTLES = np.log([0.1, 0.3, 1.0, 3.0])  # of the times, over tau, within which it may settle
+SETTLES = np.log([0.1, 0.3, 1.0, 3.0, 10.0])  # of the times, over tau, within which it may settle
+LONG = np.log(30.0)  # of a supply that sags: as long as a log of a step that is recorded until it has settled
 STEPS = 16  # of the drive: of more it is no record of steps
 
 # What acts, as a share of the largest drive, by the share that is recorded and the law's number.
@@ -64,7 +66,7 @@ POWER = _drive(
     lambda trial, more, std, about: ("power", number(1 + more, std, "1")),
     lambda unit, power: Told(
         f"the response is not proportional to the drive: it goes with its power {power.value:.3g} ±"
-        f" {power.std:.1g}",
+        f" {pm(power.std)}",
         "record what acts (for a heater the voltage's square), or fit logs of one level",
     ),
     only_more=False,
@@ -74,7 +76,7 @@ DEAD_BAND = _drive(
     DEAD,
     lambda trial, dead, std, about: ("dead", number(dead, std, trial.log.drive_unit, about.drive)),
     lambda unit, dead: Told(
-        f"the response is not proportional to the drive: of that, {dead.value:.3g} ± {dead.std:.1g}"
+        f"the response is not proportional to the drive: of that, {dead.value:.3g} ± {pm(dead.std)}"
         f" {unit} do nothing, as a dead band or friction",
         "record the drive less what is lost of it, or fit logs of one level",
     ),
@@ -84,7 +86,7 @@ LIMIT = _drive(
     LOST,
     lambda trial, lost, std, about: ("limit", number(1 - lost, std, trial.log.drive_unit, about.drive)),
     lambda unit, limit: Told(
-        f"the response is not proportional to the drive: above {limit.value:.4g} ± {limit.std:.1g}"
+        f"the response is not proportional to the drive: above {limit.value:.4g} ± {pm(limit.std)}"
         f" {unit} no more of it acts, as of an amplifier at its limit",
         "record what the amplifier gives, or leave the larger levels out",
     ),
@@ -94,7 +96,7 @@ COMPRESSED = _drive(
     BENT,
     lambda trial, more, std, about: ("more", number(more, std, "of the largest drive")),
     lambda unit, more: Told(
-        f"the response is not proportional to the drive, by {100 * more.value:+.2g} ± {100 * more.std:.1g} %"
+        f"the response is not proportional to the drive, by {100 * more.value:+.2g} ± {pm(100 * more.std)} %"
         " at its largest: an amplifier that bends, or a duty ratio whose voltage is not stated",
         "state the voltage itself",
     ),
@@ -140,7 +142,7 @@ def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about:
 def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
     over, time = found["over"], found["time_s"]
     return Told(
-        f"its drive overshoots by {100 * over.value:.2g} ± {100 * over.std:.1g} % of each change, and settles"
+        f"its drive overshoots by {100 * over.value:.2g} ± {pm(100 * over.std)} % of each change, and settles"
         f" within about {time.value:.2g} s; G is by what it settles to, taken for the drive that is recorded:"
         f" if it sags from that, G is {100 * over.value:.2g} % more",
         "record the drive as the plate gets it, or wait with the response until the drive has settled",
@@ -164,7 +166,7 @@ DRIVE_OVERSHOOT = Effect(
     name="drive_overshoot",
     shows=_steps,
     stds=lambda trial, about: np.array([OVER, SETTLES[-1]]),
-    starts=lambda trial, about: np.array([[share, ratio] for share in (0.1, OVER) for ratio in SETTLES]),
+    starts=lambda trial, about: np.array([*product((0.1, OVER), SETTLES), (0.1, LONG)]),
     applied=_overshot,
     numbers=_overshot_numbers,
     said=_overshot_said,

@@ -18,7 +18,7 @@ from sysid.effects.effect import (
     nowhere,
     sweep_or_moving,
 )
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.model.theta import NAMES, Theta
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
@@ -82,13 +82,16 @@ def _resonates(trial: Trial) -> bool:
     return sweep_or_moving(trial) or (decays and trial.log.theta is None)
 
 
+BOTH = "; record a sweep across both, which tells them apart"
+
+
 def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
     apart = found["apart_Hz"]
-    side = "above" if apart.value > 0 else "below"
+    side, both = "above" if apart.value > 0 else "below", "" if trial.steady else BOTH
     return Told(
-        f"a second resonance, {abs(apart.value):.4g} ± {apart.std:.1g} Hz {side} the first and of"
+        f"a second resonance, {abs(apart.value):.4g} ± {pm(apart.std)} Hz {side} the first and of"
         f" {100 * found['size'].value:.3g} % of its response",
-        "a controller of the first alone does not know it: keep it away from there",
+        f"a controller of the first alone does not know it: keep it away from there{both}",
     )
 
 
@@ -241,7 +244,7 @@ def _pole_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: Abo
 def _pole_said(trial: Trial, found: dict[str, Number]) -> Told:
     time, share = found["tau_s"], 100 * found["size"].value
     return Told(
-        f"a second time constant of {time.value:.4g} ± {time.std:.1g} s, with {share:.2g} % of the response",
+        f"a second time constant of {time.value:.4g} ± {pm(time.std)} s, with {share:.2g} % of the response",
         "drive what has a resonance there, or fit the part that is asked for by itself",
     )
 

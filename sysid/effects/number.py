@@ -14,3 +14,12 @@ class Number(NamedTuple):
 def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
     """Of plain floats, of which one is `per` of the unit."""
     return Number(float(value) * per, float(std) * per, unit)
+
+
+def pm(std: float) -> str:
+    """An error to one digit, as people write it.
+
+    >>> pm(43.2), pm(0.0312), pm(1280.0)
+    ('40', '0.03', '1000')
+    """
+    return f"{float(f'{std:.1g}'):.6g}"

@@ -21,7 +21,7 @@ from sysid.effects.effect import (
     sweep,
     sweep_or_moving,
 )
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.model.plant import SECOND
 from sysid.model.theta import Theta
 from sysid.rows.hold import cut
@@ -56,7 +56,7 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift = found["shift_Hz"]
     return Told(
-        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {shift.std:.1g} Hz at the largest"
+        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {pm(shift.std)} Hz at the largest"
         " response",
         "f0 is that of a small one; a sweep jumps where the peak leans over (hysteresis); record at a"
         " smaller drive",
@@ -112,7 +112,7 @@ def _off_resonance(signed: bool) -> Effect:
         off = found["off_Hz"]
         what = "it was driven" if trial.driven else "the reference of d and q was"
         return Told(
-            f"{what} about {abs(off.value):.3g} ± {off.std:.1g} Hz off the resonance, and no frequency is"
+            f"{what} about {abs(off.value):.3g} ± {pm(off.std)} Hz off the resonance, and no frequency is"
             " recorded",
             "add a frequency_* column, or its value as metadata",
         )
@@ -168,7 +168,7 @@ def _amplitude_damped(power: int) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         more = found["more"]
         return Told(
-            f"damping depends on the amplitude, by about {100 * more.value:+.3g} ± {100 * more.std:.1g} % at"
+            f"damping depends on the amplitude, by about {100 * more.value:+.3g} ± {pm(100 * more.std)} % at"
             " the largest response",
             "G and tau are those of a small one; record at a smaller drive",
         )
@@ -206,7 +206,7 @@ def _warm_damped(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _warm_damped_said(trial: Trial, found: dict[str, Number]) -> Told:
     more, at = found["more"], found["at"]
     return Told(
-        f"damping changes with the temperature, by {100 * more.value:+.3g} ± {100 * more.std:.1g} % per degC",
+        f"damping changes with the temperature, by {100 * more.value:+.3g} ± {pm(100 * more.std)} % per degC",
         f"G and tau are those at {at.value:.4g} degC",
     )
 
@@ -235,7 +235,7 @@ def _bent(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _bent_said(trial: Trial, found: dict[str, Number]) -> Told:
     change, at = found["change"], found["at"]
     return Told(
-        f"f0 is not linear in the temperature: k_T changes by {change.value:+.3g} ± {change.std:.1g} Hz/degC"
+        f"f0 is not linear in the temperature: k_T changes by {change.value:+.3g} ± {pm(change.std)} Hz/degC"
         " per degC",
         f"f0 and k_T are those at {at.value:.4g} degC",
     )
@@ -274,7 +274,7 @@ def _asymmetric_said(trial: Trial, found: dict[str, Number]) -> Told:
     more = found["more"]
     return Told(
         f"it falls with another time constant than it rises with: 1/tau is larger by {100 * more.value:+.3g}"
-        f" ± {100 * more.std:.1g} % behind a drive that was lowered",
+        f" ± {pm(100 * more.std)} % behind a drive that was lowered",
         "make logs of their own of what rises and of what falls",
     )
 
@@ -335,7 +335,7 @@ def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about:
 
 def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
     hertz, ratio = found["natural_Hz"], found["damping_ratio"]
-    seen = f"natural frequency {hertz.value:.5g} ± {hertz.std:.1g} Hz, damping ratio {ratio.value:.3g}"
+    seen = f"natural frequency {hertz.value:.5g} ± {pm(hertz.std)} Hz, damping ratio {ratio.value:.3g}"
     if not trial.driven:
         what = f"an oscillation itself, which was not demodulated ({seen})"
         return Told(what, "record it 20 times a period or more with its drive, or its amplitude, or d and q")

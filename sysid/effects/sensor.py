@@ -20,7 +20,7 @@ from sysid.effects.effect import (
     size,
     undone,
 )
-from sysid.effects.number import Number, number
+from sysid.effects.number import Number, number, pm
 from sysid.logs.log import Log
 from sysid.model.theta import NAMES
 from sysid.trials.trial import Trial
@@ -111,7 +111,7 @@ def _saturated(law: Law, each: bool) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         taken, what = found["taken"], "each channel" if each else "the response"
         return Told(
-            f"{what} is compressed at its largest, by {100 * taken.value:.2g} ± {100 * taken.std:.1g} %:"
+            f"{what} is compressed at its largest, by {100 * taken.value:.2g} ± {pm(100 * taken.std)} %:"
             f" saturated",
             "record it again within the range",
         )
@@ -153,7 +153,7 @@ def _mirrored(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _mirrored_said(trial: Trial, found: dict[str, Number]) -> Told:
     share, error = size(found)
     return Told(
-        f"d and q are not alike: {share:.2g} ± {error:.1g} % of the response is mirrored, as by channels"
+        f"d and q are not alike: {share:.2g} ± {pm(error)} % of the response is mirrored, as by channels"
         " whose gains differ by twice as much or that are not at right angles",
         "calibrate the channels against each other; which of them is right G's error leaves open",
     )
@@ -194,7 +194,7 @@ def _coupled(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _coupled_said(trial: Trial, found: dict[str, Number]) -> Told:
     time = found["time_s"]
     return Told(
-        f"what stays dies away behind its sensor, within {time.value:.3g} ± {time.std:.1g} s, as behind a"
+        f"what stays dies away behind its sensor, within {time.value:.3g} ± {pm(time.std)} s, as behind a"
         " high-pass (AC coupling)",
         "couple the sensor to DC",
     )

@@ -9,6 +9,7 @@ from sysid.model.theta import TWO_PI, Theta
 from sysid.trials.trial import LEAST_WARMING, Trial
 
 ODDS = 20.0  # of one hypothesis against another, from which the other is not told
+SELDOM = 1000.0  # of them, to which the other is told beside it
 EVEN = 0.01  # of a step, by which others may differ: a rounded clock's
 Begin = tuple[tuple[Trial, ...], np.ndarray]
 
@@ -31,6 +32,33 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
     A plate is driven where it moves: beforehand the odds go with the power of its response, 1/|1 + j ...|^2,
     and an alias of less than one in ODDS is none."""
     found, at = [], Theta.of(theta)
+    for _, further, ratio in aliases(trials, theta, reference):
+        if ratio**2 < ODDS:
+            alias = at._replace(log_G=at.log_G + np.log(ratio), f0=at.f0 + further)
+            found.append((tuple(trials), np.array(alias)))
+    return found
+
+
+def alias(
+    trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float]
+) -> tuple[Trial, float, float] | None:
+    """The likeliest one that is none by its odds, of logs of one frequency at which nothing else tells the
+    resonance, with its distance (Hz) and its odds; None where less than one in SELDOM is."""
+    resonant = [t for t in trials if t.resonant]
+    at = [(np.min(t.log.frequency), np.max(t.log.frequency)) for t in resonant]
+    if not at or any(t.steady for t in resonant) or np.ptp(at) > 0:
+        return None
+    found = min(aliases(trials, theta, reference), key=lambda x: x[2], default=None)
+    seldom = found is not None and ODDS <= found[2] ** 2 < SELDOM
+    return (found[0], found[1], found[2] ** 2) if seldom else None
+
+
+def aliases(
+    trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float]
+) -> list[tuple[Trial, float, float]]:
+    """Of each log in even steps its nearest alias: how many Hz away, and by what the response to a drive is
+    smaller there."""
+    found, at = [], Theta.of(theta)
     for trial in (t for t in trials if t.resonant and not t.steady and not t.log.amplitude_only):
         rows = trial.whole or trial.log  # means of rows beat less than each of them
         steps = np.diff(rows.time)
@@ -40,9 +68,7 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
         away = float(at.detuning(trial.hold(reference))[0])
         other = away - np.copysign(TWO_PI / trial.spacing, away)
         ratio = abs(1 + 1j * other * np.exp(at.log_tau)) / abs(1 + 1j * away * np.exp(at.log_tau))
-        if ratio**2 < ODDS:
-            alias = at._replace(log_G=at.log_G + np.log(ratio), f0=at.f0 + (other - away) / TWO_PI)
-            found.append((tuple(trials), np.array(alias)))
+        found.append((trial, (other - away) / TWO_PI, float(ratio)))
     return found
 
 

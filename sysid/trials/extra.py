@@ -64,7 +64,10 @@ def renewed(new: Trial, course: LogResponse, numbers: np.ndarray) -> Trial:
             more = size * float(numbers[list(trial.extra_columns).index("thermometer")])
         new = new.with_bench(resonance=own + float(np.clip(more, -most, most)), k_T=k_T)
         course = replace(course, trial=new)
-    return new.with_bench(extra=asked(new, course, (new.bench.start, -new.bench.late)))
+    extra = asked(new, course, (new.bench.start, -new.bench.late))
+    if "thermometer" not in extra:  # where k_T is zero its error moves nothing
+        new = new.with_bench(resonance=None)
+    return new.with_bench(extra=extra)
 
 
 def with_thermometers(

@@ -61,9 +61,10 @@ def _moved(noise: Noise, new: Noise) -> float:
 
 
 def _elsewhere(trial: Trial, new: Trial, k_T: float) -> float:
-    """How far a resonance of the log's own has moved, in errors of its thermometer; 1 where it is new."""
-    if not trial.tied:
-        return float(new.tied)
+    """How far a resonance of the log's own has moved, in errors of its thermometer; 1 where it is new,
+    or has gone."""
+    if not (trial.tied and new.tied):
+        return float(trial.tied is not new.tied)
     return abs(new.bench.resonance - trial.bench.resonance) / (
         abs(k_T) * trial.bench.extra["thermometer"].prior + np.finfo(float).tiny
     )

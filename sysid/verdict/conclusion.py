@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.logs.log import Log
+from sysid.minimum.images import alias
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.plant import Plant
 from sysid.model.theta import FINGER, NAMES, PLANT, carried, in_units, std_of
@@ -15,6 +16,7 @@ from sysid.trials.trial import Trial
 from sysid.verdict import identify, lone, recorder, wording
 from sysid.verdict.conjugate_phase import mirrored
 from sysid.verdict.determined import alone, enough, informed, parameter, undescribed
+from sysid.verdict.differing import dispersion
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit, beside
 from sysid.verdict.immediate import responds_at_once
@@ -51,14 +53,15 @@ class FitProblem:
 class Judged(NamedTuple):
     """What a minimum leaves undescribed: by which the fit is `wrong`, and `doubts` that are only a warning.
     `found`: what the logs hold to first order; `open`: an effect that is tried in full may explain it. Else
-    the cause is plain, or nothing is there. `apart`: each log is described, and they differ: that may be what
-    the plate does, and no log by itself. `looked`: all that was tried to first order."""
+    the cause is plain, or nothing is there. `apart`: each log is described, and they differ, which adds so
+    much to the covariance (6, 6): that may be what the plate does, and no log by itself. `looked`: all that
+    was tried to first order."""
 
     wrong: list[Finding]
     doubts: list[Finding]
     found: list[Found]
     open: bool = False
-    apart: bool = False
+    apart: np.ndarray | None = None
     looked: Misfits = Misfits([], [])
     unsure: bool = False
 
@@ -73,6 +76,11 @@ def conclude(
     alone = lone.resting(best, question.minimiser.reference, free, fit.reference_temperature)
     fit = replace(fit, lone=alone, findings=tuple(question.effects))
     judged = judged or _judged(question, best, fit.reference_temperature, "late" in hung)
+    if any(w.key in (*BETWEEN, "odd") for w in judged.wrong):  # one plate is no better known than they agree
+        reference = question.minimiser.reference
+        differ = dispersion(best, reference, free)[0] if judged.apart is None else judged.apart
+        states = [replace(s, dispersion=question.dispersion + differ) for s in states]
+        fit = replace(_fit(question, states), lone=alone, findings=tuple(question.effects))
     wrong, doubts = judged.wrong, judged.doubts
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := recorder.coarse(t))]
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
@@ -141,20 +149,22 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
     found, unseen, *_ = looked = misfits(best, reference, free, at)
     likely = likeliest(found)
     wrong, doubts = _described(best, found, FINGER[0] in free)
-    odd = (
+    some = (
         best.trials if wrong or doubts else [t for t in best.trials if not t.steady]
     )  # a sweep's other range shows in its fit
-    if ranges := [(t.log.name, said) for t in odd if (said := recorder.ranged(t))]:
+    if ranges := [(t.log.name, said) for t in some if (said := recorder.ranged(t))]:
         return Judged(
-            [Finding("range", "refused", f"{name}: {said}", (name,)) for name, said in ranges], [], []
+            [Finding("range", "refused", f"{name}: {said}", (name,), mostly=True) for name, said in ranges],
+            [],
+            [],
         )
     if (wrong or doubts) and (turned := mirrored(question.minimiser, question.trials, best, likely)):
         found = [turned, *found]
         wrong, doubts = _described(best, found, FINGER[0] in free)
         return Judged(wrong, doubts, found, looked=looked)
     alike = likely and likely[0].log is None  # what is in all logs contradicts none
-    if wrong and not alike and (apart := odd_ones(question.minimiser, question.trials, best)):
-        return Judged([apart], [], found, True, True, looked)
+    if wrong and not alike and (odd := odd_ones(question.minimiser, question.trials, best)):
+        return Judged([odd[0]], [], found, True, odd[1], looked)
     described = not (
         wrong or any(f.certain for f in found) or any(slow(best, i) for i in range(len(best.trials)))
     )
@@ -165,6 +175,10 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
             *doubts,
             Finding("late", "noted", wording.hangs_on_lateness(std_of(best.spread, "G"))),
         ]
+    if not wrong and (other := alias(best.trials, best.theta, reference)):
+        trial, *told = other
+        said = wording.aliased(trial.log.name, trial.spacing, *told)
+        doubts = [*doubts, Finding("alias", "noted", said, (trial.log.name,))]
     if FINGER[0] in free and (carried := recorder.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]
     # Rows that are to be recorded again before anything is told of them.

@@ -22,6 +22,7 @@ from sysid.trials.trial import LEAST_WARMING, Trial, numbers_left
 RELATIVE = 0.2
 WARMING = 10.0
 SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
+HIDDEN = "cannot tell, because noise or background hide the response; record a larger voltage step"
 SETTLED_AMPLITUDE = (
     "cannot tell, because the settled amplitude at one frequency does not say how far that is from the"
     " resonance; record a sweep across the resonance"
@@ -225,10 +226,13 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
             "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in a"
             f" step; record a sweep across the resonance, or rows {seconds(0.05 * tau)} apart or closer"
         )
-    return (
-        "cannot tell, because noise or background hide the response to the drive; record a larger voltage"
-        " step"
-    )
+    held = (not (t.steady or t.from_rest or t.log.drive is None or np.ptp(t.log.drive)) for t in driven)
+    if all(held):
+        return (
+            "cannot tell, because the drive does not change, and no row shows the response without it or away"
+            " from the resonance, where a background and a gain differ; record a sweep across the resonance"
+        )
+    return HIDDEN
 
 
 def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:

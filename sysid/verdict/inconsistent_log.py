@@ -42,6 +42,21 @@ class Told(NamedTuple):
         target = self.values / self.errors
         return float(np.sum((target - rows @ np.linalg.lstsq(rows, target, rcond=None)[0]) ** 2))
 
+    def dispersion(self) -> np.ndarray:
+        """(K, K) covariance of the columns' coefficients about the joint fit's, which are 0, where each
+        log has a value of its own beside what it tells: that of the weighted mean, and how far the joint one
+        is off it (DerSimonian & Laird, see `verdict.differing`); 0 where they agree."""
+        known = self.errors < UNKNOWN
+        values, variance, x = self.values[known], self.errors[known] ** 2, self.columns[known]
+        left = max(len(values) - int(np.linalg.matrix_rank(x)), 0)
+        rest = values - x @ np.linalg.lstsq(x, values, rcond=None)[0]
+        own = float(np.sum(rest**2)) / left - float(np.mean(variance)) if left else 0.0
+        if own <= 0:
+            return np.zeros((x.shape[1], x.shape[1]))
+        inverse = np.linalg.pinv(x.T @ (x / (own + variance)[:, None]))
+        off = inverse @ x.T @ (values / (own + variance))
+        return inverse + np.outer(off, off)
+
     def cut(self) -> tuple[float, list[int]]:
         """The odd logs, a single one or the smaller of two groups by their values: the fewest of those beside
         which all scatter hardly more than least, and of these the farthest off; by how much less than without
@@ -54,27 +69,51 @@ class Told(NamedTuple):
         return self.scatter() - left[best], list(map(int, best))
 
 
-def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> Finding | None:
-    """The logs, the fewest, that contradict the others, where they and the others are each described well, or
-    next to nothing is left beside what they differ by; all, where each is described by itself; else None."""
+def odd_ones(
+    minimiser: Minimiser, trials: Sequence[Trial], together: State
+) -> tuple[Finding, np.ndarray] | None:
+    """The logs, the fewest, that contradict the others, where they and the others are each described well,
+    or next to nothing is left beside what they differ by; all, where each is described by itself; else None.
+    With what they add to the covariance (6, 6) of theta: one plate is no better known than they agree."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
-    each = [_alone(minimiser, (t,), together) for t in trials] if len(trials) > 2 else []
-    told = _told(minimiser, trials, each, together) if each else {}
+    each = [_alone(minimiser, (t,), together) for t in trials]
+    told = _told(minimiser, trials, each, together)
+    found = _odd(minimiser, trials, together, each, told)
+    return None if found is None else (found, _dispersion(told))
+
+
+def _odd(
+    minimiser: Minimiser,
+    trials: Sequence[Trial],
+    together: State,
+    each: Sequence[State],
+    told: Mapping[str, Told],
+) -> Finding | None:
+    """The same without what it adds, by what each log tells by itself."""
     for odd in _splits(trials, together, told):
         parts = [[k for k in range(len(trials)) if (k in odd) is own] for own in (True, False)]
-        alone, rest = (_alone(minimiser, tuple(trials[k] for k in part), together) for part in parts)
+        alone, rest = (
+            each[part[0]] if len(part) == 1 else _alone(minimiser, tuple(trials[k] for k in part), together)
+            for part in parts
+        )
         beside = PROMISES * (alone.likelihood + rest.likelihood - together.likelihood)
         found = _contradiction(minimiser, trials, odd, alone, rest)
         if found and all(described(minimiser.beside(s.trials), s, beside) for s in (alone, rest)):
             return found
-    if (
-        each
-        and (said := _scattered(told, trials, together.named.k_T))
-        and all(described(minimiser.beside(s.trials), s) for s in each)
-    ):
+    said = _scattered(told, trials, together.named.k_T) if len(trials) > 2 else None
+    if said and all(described(minimiser.beside(s.trials), s) for s in each):
         return _found(trials, said)
     return None
+
+
+def _dispersion(told: Mapping[str, Told]) -> np.ndarray:
+    """(6, 6) of theta, of logs that are of no one plate."""
+    added = np.zeros((len(NAMES), len(NAMES)))
+    for name, of in told.items():
+        index = [NAMES.index(n) for n in (("f0", "k_T") if name == "f0" else (name,))]
+        added[np.ix_(index, index)] += of.dispersion()[: len(index), : len(index)]
+    return added
 
 
 def _alone(minimiser: Minimiser, trials: tuple[Trial, ...], together: State) -> State:

@@ -176,10 +176,21 @@ def owned(reading: str | None) -> str:
 
 def hangs_on_lateness(error: float) -> str:
     """For a G whose relative `error` is that of not knowing how late the response is."""
+    percent = float(f"{100 * error:.2g}")  # as 170, not 1.7e+02
     return (
-        f"G is known only to {100 * error:.2g} %, because a feedthrough, a trigger late by a row and a gain"
+        f"G is known only to {percent:g} %, because a feedthrough, a trigger late by a row and a gain"
         f" look alike in a step;"
         " record a sweep beside it, or state delay_s (0 if nothing is late)"
+    )
+
+
+def aliased(name: str, spacing: float, further: float, odds: float) -> str:
+    """Of a log in rows so far apart that its resonance may lie `further` (Hz) than it is told."""
+    away = f"{abs(further):.4g} Hz {'higher' if further > 0 else 'lower'}"
+    return (
+        f"{name}: in rows {seconds(spacing)} apart a resonance {away} looks the same; f0 and G are those of"
+        f" the one that is nearer to the drive, likelier by {odds:.2g} to one; record a sweep across the"
+        " resonance, or rows closer together"
     )
 
 
