@@ -588,3 +588,14 @@ def test_what_loggers_leave_at_the_ends_of_lines_and_files(tmp_path, table):
     path.write_bytes((head + table.replace("0.0002", "0.0\x00002", 1)).encode())
     with pytest.raises(ValueError, match=r"log\.csv, line 4, column 'time_s'"):
         read_logs([path])
+
+
+def test_cells_that_say_what_their_amplitude_is(tmp_path):
+    rows = [f'"{f / 1e3:.3f} kHz","50 Vrms","{1e3 * d:.6g} nm","{q:.6g} um"' for f, d, q in
+            zip(FREQUENCY, SIGNAL.real, SIGNAL.imag, strict=True)]  # fmt: skip
+    path = tmp_path / "log.csv"
+    path.write_text("frequency,drive,wd,wq\n" + "\n".join(rows) + "\n")
+    (log,) = read_logs([path])
+    np.testing.assert_allclose(log.drive, 50 * math.sqrt(2))
+    np.testing.assert_allclose(log.response, 1e3 * SIGNAL, rtol=1e-5, atol=1e-9)
+    assert log.drive_unit == "V" and log.response_unit == "nm"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sysid.columns.plan import Plan
+from sysid.tables import units
 from sysid.tables.cells import listed
 from sysid.tables.textfile import LogError
 
@@ -40,7 +41,7 @@ def doubted(log: "Log", celsius: bool = True) -> "Log":
     a sweep, where rows are the oscillation itself, or driven at 0 Hz."""
     _refuse_oscillation(log)
     _refuse_direct(log)
-    return _kelvin(_kilohertz(_recorded(_ready(_carrier(_coil(log))))), celsius)
+    return _kelvin(_kilohertz(_recorded(_ready(_carrier(_coil(_power(log)))))), celsius)
 
 
 def unfolded(name: str, plan: Plan, arrays: MutableMapping[str, tuple[np.ndarray, str]]) -> Plan:
@@ -65,6 +66,14 @@ def unfolded(name: str, plan: Plan, arrays: MutableMapping[str, tuple[np.ndarray
         " that of atan(q/d) does: carried on from row to row; compute it by atan2(q, d), or record d and q"
     )
     return dataclasses.replace(plan, warnings=(*plan.warnings, said))
+
+
+def _power(log: "Log") -> "Log":
+    if log.kind != "transient" or np.any(log.drive) or not units.same_kind(log.response_unit, "W"):
+        return log
+    unit = log.response_unit
+    said = f"its response in {unit} is a power, which decays twice as fast as the amplitude of what moves"
+    return _warned(log, f"{said}: tau is that of the power; for the amplitude's save the root, in {unit}^0.5")
 
 
 def _kelvin(log: "Log", celsius: bool) -> "Log":

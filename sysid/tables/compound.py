@@ -94,7 +94,7 @@ def _form(cells: Sequence[str]) -> re.Pattern[str] | None:
 
 def _are_amounts(cells: Sequence[str]) -> bool:
     """Whether most are a number and its unit, all of one kind."""
-    stated = [one[1] for cell in cells if (one := amount(cell)) and one[1]]
+    stated = [units.split_amplitude(one[1])[0] for cell in cells if (one := amount(cell)) and one[1]]
     return bool(stated) and _most(
         [units.is_known(unit) and units.same_kind(unit, stated[0]) for unit in stated], len(cells)
     )
@@ -151,7 +151,9 @@ def _parted(name: str, cells: list[str], decimal: str) -> Parted:
             return [(name, parts[0])]
         ends = (" [dB]", " phase [deg]") if form is DECIBELS else (f" re{unit}", f" im{unit}")
         return [(f"{stem}{end}", part) for end, part in zip(ends, parts, strict=True)]
-    own = unit.strip(" []")
+    own, amplitude = unit.strip(" []"), _amplitude(filled)
+    if amplitude:  # 50 Vpk
+        cells, filled = ([_without_amplitude(cell) for cell in of] for of in (cells, filled))
     if own in ("degC", "°C", "degF", "°F", "K"):  # where C is no coulomb
         cells, filled = (
             [re.sub(r"(?<=[\d.\s])([CF])$", r"deg\1", cell) for cell in of] for of in (cells, filled)
@@ -165,7 +167,21 @@ def _parted(name: str, cells: list[str], decimal: str) -> Parted:
     if own and not alike:
         return [(name, cells)]
     wanted = own or stated[0]
-    return [(name if own else f"{name} [{wanted}]", [_in(cell, wanted, decimal) for cell in cells])]
+    head = f"{stem} [{wanted} {amplitude}]" if amplitude else name if own else f"{name} [{wanted}]"
+    return [(head, [_in(cell, wanted, decimal) for cell in cells])]
+
+
+def _amplitude(cells: Sequence[str]) -> str:
+    """The word that says what an amplitude is behind the unit of each cell; "" where they have none, or
+    several."""
+    said = {units.split_amplitude(one[1])[1] for cell in cells if (one := amount(cell)) and one[1]}
+    return said.pop() if len(said) == 1 else ""
+
+
+def _without_amplitude(cell: str) -> str:
+    """A number with its unit, without what that says of an amplitude; any other cell as it is."""
+    found = amount(cell)
+    return f"{found[0]} {units.split_amplitude(found[1])[0]}" if found and found[1] else cell
 
 
 def _unprefixed(cell: str) -> str:

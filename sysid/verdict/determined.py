@@ -106,7 +106,9 @@ def _shown(fit: Fit, name: str) -> bool:
         name == "k_T" and identify.within_errors(state.trials)
     ):
         return False
-    known = name not in ("f0", "k_T") or std_of(state.spread, "tau") <= identify.RELATIVE
+    swept = all(t.steady and np.ptp(t.log.frequency) > 0 for t in state.trials if t.resonant)
+    of_peak = name in ("f0", "k_T") or (name == "G" and swept and any(t.resonant for t in state.trials))
+    known = not of_peak or std_of(state.spread, "tau") <= identify.RELATIVE
     return known or not identify.buried(state.trials)
 
 

@@ -22,7 +22,7 @@ from sysid.trials.trial import LEAST_WARMING, Trial, numbers_left
 RELATIVE = 0.2
 WARMING = 10.0
 SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
-HIDDEN = "cannot tell, because noise or background hide the response; record a larger voltage step"
+HIDDEN = "cannot tell, because noise or background hide the response; record it at a larger drive"
 SETTLED_AMPLITUDE = (
     "cannot tell, because the settled amplitude at one frequency does not say how far that is from the"
     " resonance; record a sweep across the resonance"
