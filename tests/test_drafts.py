@@ -148,7 +148,10 @@ def test_a_held_column_of_a_drive_s_kind_beside_a_sweep_is_the_drive(save, head,
     np.testing.assert_allclose(log.drive, peak, rtol=1e-9)
 
 
-@pytest.mark.parametrize("head", ["Humidity (%)", "Laser power (mW)", "Bias (V)", "Sensor supply (V)"])
+@pytest.mark.parametrize("head", [
+    "Humidity (%)", "Laser power (mW)", "Bias (V)", "Sensor supply (V)", "Sensitivity (V)", "Input range (mV)",
+    "Current limit (A)", "Trigger level (V)",
+])  # fmt: skip
 def test_what_is_held_beside_a_sweep_and_drives_nothing_is_no_drive(save, head):
     (log,) = read_logs(save(table(f"Frequency (Hz),{head},X (um),Y (um)", F, 0 * F + 5, *re_im(S))))
     assert log.drive is None and any(f"not {head}" in said for said in log.notes)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from sysid.columns.factors import STEMS
 from sysid.columns.labels import DRIVEN, INPUTS, NOT_DATA, NOT_MEANT, SECOND, Label
 from sysid.columns.survey import LEVELS, Columns, fits, is_hertz
 from sysid.tables import units
@@ -46,6 +47,7 @@ SAY_NOTHING = {
     "formatted",
 }  # of what a trace is
 DRIVES = {"V": "voltage", "%": "duty", "A": "drive", "N": "drive", "W": "drive"}  # by the unit
+BOUNDS = ("threshold", "trigger", "limit", "complian")  # of what is set, how their words begin
 # of one signal in one unit, else: a current is no part of a signal in V
 LETTER_PAIRS = {("i", "q"): ("x", "y"), ("cos", "sin"): ("x", "y"), ("d", "q"): ("wd", "wq")}
 _PAIRS = (("wd", "wq"), ("x", "y"), ("magnitude", "phase"))
@@ -156,12 +158,19 @@ def _held(columns: Columns, found: Mapping[str, int]) -> dict[str, int]:
     return {may[held[0]]: held[0]} if len(held) == 1 and kinds else {}
 
 
+def _is_a_setting(label: Label) -> bool:
+    """Whether a column is called a bias, a supply, a range, a sensitivity or a limit, which drive nothing."""
+    return bool({*label.words} & NOT_MEANT["voltage"]) or any(
+        w.startswith((*STEMS, *BOUNDS)) for w in label.words
+    )
+
+
 def _may_drive(columns: Columns, found: Mapping[str, int]) -> dict[int, str]:
     """Columns that are left and in the unit of a drive, by what it is called; none where one is found."""
     if found.keys() & {*units.DRIVES}:
         return {}
     free = [k for k in range(len(columns.labels)) if k not in found.values() and columns.holds_data(k)]
-    free = [k for k in free if columns.unit(k) and not {*columns.labels[k].words} & NOT_MEANT["voltage"]]
+    free = [k for k in free if columns.unit(k) and not _is_a_setting(columns.labels[k])]
     return {k: name for k in free for of, name in DRIVES.items() if units.same_kind(columns.unit(k), of)}
 
 
