@@ -153,9 +153,8 @@ def _with_effects(
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
         if anew.result is Result.successful or _tells(anew, found):
             return again, anew, True
-    if judged.apart is not None and not (
-        outcome.surely and outcome.described
-    ):  # likelier than plates of their own
+    likelier = outcome.surely and outcome.described  # than plates of their own
+    if judged.apart is not None and not likelier:
         alike = outcome.named.findings("noted", "which is about as likely") if outcome.described else ()
         warnings = (*found.warnings, *(f.sentence for f in alike))
         return question, replace(found, findings=(*found.findings, *alike), warnings=warnings), False

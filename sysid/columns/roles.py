@@ -153,9 +153,9 @@ def _held(columns: Columns, found: Mapping[str, int]) -> dict[str, int]:
     """The drive of a sweep, where nothing is called so: the one column of its kind that is left, and held: no
     share, as of humidity, and no power, to which a response is not linear."""
     may = _may_drive(columns, found) if "frequency" in found else {}
-    held = [k for k in may if columns.is_held(k) and columns.numbers(k).any()]
-    kinds = [k for k in held if any(units.same_kind(columns.unit(k), of) for of in "VAN")]
-    return {may[held[0]]: held[0]} if len(held) == 1 and kinds else {}
+    proportional = [k for k in may if any(units.same_kind(columns.unit(k), of) for of in "VAN")]
+    held = [k for k in proportional if columns.is_held(k) and columns.numbers(k).any()]
+    return {may[held[0]]: held[0]} if len(held) == 1 else {}
 
 
 def _is_a_setting(label: Label) -> bool:

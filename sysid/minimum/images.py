@@ -34,16 +34,16 @@ def _aliased(trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float,
     found, at = [], Theta.of(theta)
     for _, further, ratio in aliases(trials, theta, reference):
         if ratio**2 < ODDS:
-            alias = at._replace(log_G=at.log_G + np.log(ratio), f0=at.f0 + further)
-            found.append((tuple(trials), np.array(alias)))
+            other = at._replace(log_G=at.log_G + np.log(ratio), f0=at.f0 + further)
+            found.append((tuple(trials), np.array(other)))
     return found
 
 
-def alias(
+def seldom_alias(
     trials: Sequence[Trial], theta: np.ndarray, reference: tuple[float, float]
 ) -> tuple[Trial, float, float] | None:
-    """The likeliest one that is none by its odds, of logs of one frequency at which nothing else tells the
-    resonance, with its distance (Hz) and its odds; None where less than one in SELDOM is."""
+    """Of logs at one frequency, of which nothing else tells the resonance, the likeliest alias of less than
+    one in ODDS, with its distance (Hz) and the odds against it; None where it is less than one in SELDOM."""
     resonant = [t for t in trials if t.resonant]
     at = [(np.min(t.log.frequency), np.max(t.log.frequency)) for t in resonant]
     if not at or any(t.steady for t in resonant) or np.ptp(at) > 0:

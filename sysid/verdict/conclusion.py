@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.logs.log import Log
-from sysid.minimum.images import alias
+from sysid.minimum.images import seldom_alias
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.plant import Plant
 from sysid.model.theta import FINGER, NAMES, PLANT, carried, in_units, std_of
@@ -175,7 +175,7 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
             *doubts,
             Finding("late", "noted", wording.hangs_on_lateness(std_of(best.spread, "G"))),
         ]
-    if not wrong and (other := alias(best.trials, best.theta, reference)):
+    if not wrong and (other := seldom_alias(best.trials, best.theta, reference)):
         trial, *told = other
         said = wording.aliased(trial.log.name, trial.spacing, *told)
         doubts = [*doubts, Finding("alias", "noted", said, (trial.log.name,))]
