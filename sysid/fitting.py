@@ -162,10 +162,9 @@ def _with_effects(
     states = list(found.modes)
     most = outcome.named if outcome.surely or (found.result is Result.misfit and not surely) else None
     if most is not None:  # values beside it are nearer to the plate's than those without
-        named, wider = (
-            most.findings("refused", "which explains most of it"),
-            question.dispersion + most.dispersion,
-        )
+        named, away = most.findings("refused", "which explains most of it"), most.state.theta - best.theta
+        # nor are they sure to be that: two may make up for a third, and a stretch be the plate's
+        wider = question.dispersion + most.dispersion + np.outer(away, away)
         hung = confounds_gain(most.state, minimiser.reference, minimiser.free)
         states = _tight(minimiser, most.state, hung) if hung else minimiser.imaged([most.state])
         states = [replace(s, dispersion=wider) for s in states]

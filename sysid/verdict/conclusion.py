@@ -24,7 +24,8 @@ from sysid.verdict.inconsistent_log import odd_ones
 from sysid.verdict.linear import Found
 from sysid.verdict.low_pass import low_pass
 from sysid.verdict.misfit import Misfits, misfits
-from sysid.verdict.result import Result
+from sysid.verdict.remains import remains
+from sysid.verdict.result import Parameter, Result
 from sysid.verdict.unexplained import left_of, slow
 
 BETWEEN = ("gain", "tau", "resonance", "finger")  # what is found when a log contradicts the others
@@ -76,26 +77,23 @@ def conclude(
     alone = lone.resting(best, question.minimiser.reference, free, fit.reference_temperature)
     fit = replace(fit, lone=alone, findings=tuple(question.effects))
     judged = judged or _judged(question, best, fit.reference_temperature, "late" in hung)
-    if any(w.key in (*BETWEEN, "odd") for w in judged.wrong):  # one plate is no better known than they agree
-        reference = question.minimiser.reference
-        differ = dispersion(best, reference, free)[0] if judged.apart is None else judged.apart
-        states = [replace(s, dispersion=question.dispersion + differ) for s in states]
-        fit = replace(_fit(question, states), lone=alone, findings=tuple(question.effects))
     wrong, doubts = judged.wrong, judged.doubts
     coarse = [f"{t.log.name}: {said}" for t in best.trials if (said := recorder.coarse(t))]
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
     believed = _believed(fit, question.reference_temperature)
-    parameters = {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in free}
-    result = fit.result
+    parameters, result = _parameters(fit), fit.result
     if result is Result.successful and not enough(parameters, best.trials):
         result = Result.undetermined
     any_told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
-    if wrong and (any_told or any(w.mostly for w in wrong)):
+    mostly = any(w.mostly for w in wrong)
+    if wrong and (any_told or mostly):
         result = Result.misfit  # a value from logs that the model does not describe is none
-        mostly = any(w.mostly for w in wrong)
+        wider = question.dispersion + _undescribed(best, question.minimiser, judged)
+        states = [replace(s, dispersion=s.dispersion + wider) for s in states]
+        fit = replace(_fit(question, states), lone=alone, findings=fit.findings)
         parameters = {
             n: undescribed(p) if n in free and (mostly or not p.determined) else p
-            for n, p in parameters.items()
+            for n, p in _parameters(fit).items()
         }
     aside = [fit.flank.said()] if fit.flank is not None and informed(fit, "f0", *fit.estimate("f0")) else []
     told = [f.sentence for f in (*question.effects, *doubts, *wrong)]
@@ -104,6 +102,21 @@ def conclude(
     return replace(
         fit, parameters=parameters, result=result, warnings=warnings, findings=findings, judged=judged
     )
+
+
+def _parameters(fit: Fit) -> dict[str, Parameter]:
+    """What the fit tells of each."""
+    return {n: parameter(fit, n, *fit.estimate(n)) for n in NAMES if n in PLANT or n in fit.names}
+
+
+def _undescribed(best: State, minimiser: Minimiser, judged: Judged) -> np.ndarray:
+    """(6, 6) what logs that no plate describes add to the covariance of theta: what is left of them, and one
+    plate is no better known than its logs agree."""
+    left = remains(best, minimiser.reference, minimiser.free)
+    if judged.apart is not None:
+        return left + judged.apart
+    differ = any(w.key in (*BETWEEN, "odd") for w in judged.wrong)
+    return left + dispersion(best, minimiser.reference, minimiser.free)[0] if differ else left
 
 
 def _fit(question: FitProblem, states: Sequence[State]) -> Fit:

@@ -1,0 +1,57 @@
+"""What errors span of what a plate leaves of its logs: sweeps of closed form in which something moves meanwhile."""
+
+import numpy as np
+import pytest
+from conftest import seeds
+
+import sysid
+from sysid.fitting import fit
+from sysid.verdict.remains import remains
+
+G, TAU, F0, NOISE = 0.02, 1.7e-3, 32300.0, 0.005
+GRID = np.linspace(-400.0, 400.0, 101)
+
+
+PASSES = 4
+
+
+def to_and_fro(seed, gain=0.0, resonance=0.0):
+    """A settled sweep up and down and up again; each pass finds another gain, and another resonance (Hz), by
+    so much (rms)."""
+    rng = np.random.default_rng(seed)
+    f = F0 + np.concatenate([GRID, GRID[::-1]] * (PASSES // 2))
+    each = np.repeat(rng.standard_normal((2, PASSES)), len(GRID), axis=1)
+    w = 100 * G * (1 + gain * each[0]) / (1 + 2j * np.pi * TAU * (f - F0 - resonance * each[1]))
+    w = w + NOISE * 100 * G * (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))
+    return sysid.Log.from_arrays(w, frequency=f, time=np.arange(len(f)) * 0.5, drive=100.0)
+
+
+@seeds(4, 60)
+@pytest.mark.parametrize("of", ["gain", "resonance"])
+def test_what_is_told_beside_a_misfit_is_within_its_errors(of, seeds):
+    """Four passes tell their scatter as Student's t of three degrees of freedom does, 95 % of which is within
+    3.2."""
+    inside = []
+    for seed in seeds:
+        found = fit(
+            [to_and_fro(seed, **{"gain": {"gain": 0.05}, "resonance": {"resonance": 20.0}}[of])],
+            effects="none",
+        )
+        assert not found.usable
+        for name, true in (("G", G), ("tau", TAU), ("f0", F0)):
+            told = found.parameters[name]
+            inside.append(not told.determined or abs(told.value - true) < 3.2 * told.std)
+    assert np.mean(inside) > 0.95 - 3 * np.sqrt(0.05 * 0.95 / len(seeds))  # of one log the three go together
+
+
+@seeds(4, 60)
+def test_noise_of_each_rows_own_adds_about_its_covariance(seeds):
+    """The largest over windows of all lengths: no less than half of it, as the plate has taken its part of the
+    residual, and not several times as much."""
+    ratios = []
+    for seed in seeds:
+        found = fit([to_and_fro(seed)], effects="none")
+        state = found.modes[0]
+        added = remains(state, found.reference, found.names)
+        ratios.append([added[k, k] / state.covariance[k, k] for k in range(3)])
+    assert 0.5 < np.mean(ratios) < 3.0
