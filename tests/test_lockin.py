@@ -257,6 +257,21 @@ def test_rows_begin_at_the_edges_of_the_drive():
     assert np.max(np.diff(rows.time)) < 2 * rows.width + 1e-9
 
 
+@pytest.mark.parametrize("steps", [25, 50, 100])
+def test_a_recorder_of_few_steps_does_not_end_a_burst(steps):
+    """An oscilloscope of eight bits, of whose range a drive takes a part: its rounding is no change of the
+    drive, which is zero to the last bit before it."""
+    time, v, w = samples(
+        PLATE, [(0.0, 0.0, 32290.0), (2e-3, 80.0, 32290.0, 0.5), (9e-3, 0.0, 32290.0)], 0.015, 3.85e5
+    )
+    step = 2 * 80.0 / steps
+    rows = demodulate(time, np.round(v / step) * step, w)
+    at, V, _ = edges_of(rows)
+    np.testing.assert_allclose(at, [2e-3, 9e-3], atol=2.6e-6)  # a sample
+    # of twelve samples a period, and then the same again: step/sqrt(12) each, 1/sqrt(6) of that in their sum
+    np.testing.assert_allclose(V, [80, 0], atol=2 * step / np.sqrt(12) / np.sqrt(6))
+
+
 def test_a_frequency_that_steps_with_its_phase_continued():
     drive = [
         (0.0, 100.0, 32200.0),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.labels import GAINS, NOT_DATA, OFFSETS, SCATTERING, left_open
+from sysid.columns.labels import GAINS, NOT_DATA, OFFSETS, SCATTERING, centre, left_open
 from sysid.columns.plan import ANGLES, SPLITS, per_drive
 from sysid.columns.preset import known_by, known_of
 from sysid.columns.roles import lone_signal, plausible, roles, undecided
@@ -309,7 +309,8 @@ class _Draft:
         stated = label.amplitude if name in units.AMPLITUDES and not ratio else ""
         more += f", amplitude = {_quote(stated)}" if stated else ""
         away = name == "frequency" and {*label.words} & OFFSETS
-        more += ', offset = "?"' if away else ""
+        begin = centre(self.head.metadata, unit) if away else ""
+        more += f", offset = {begin or _quote('?')}" if away else ""
         why = why or ("  # offset: the frequency that it is counted from, in its unit" if away else "")
         more += f", file = {_quote(self.files[name])}" if name in self.files else ""
         return f"{name} = {{ column = {self._place(index)}, unit = {_quote(unit)}{more} }}{why}"

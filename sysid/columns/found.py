@@ -3,7 +3,7 @@ and one that a file's heads amount to by themselves."""
 
 import os
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +20,7 @@ from sysid.tables.csvfile import Head, LogError, read_head
 from sysid.tables.scattered import RATIOS
 
 SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
+REFLECTED = ("s11", "s22")  # unlike S21, which may be what a sensor makes of a drive
 RESPONSE = {part for parts in RESPONSES for part in parts} | {"response"}
 
 
@@ -47,22 +48,30 @@ Found = tuple[
 ]  # what is to be said of it, and what is taken as usual
 
 
+class Undecided(LogError):
+    """Columns of which each may be the response."""
+
+
 def as_drafted(head: Head, mapping: MappingFile | None, draft: str) -> Found:
     """The mapping file that the heads of a file's columns amount to, beside one that names none; with the
     head that it is for. Raises LogError where the draft leaves more open than what is taken as usual."""
     found = tomllib.loads(draft)
     usual = tuple(key for key in USUAL if found.get(key) == "?" and not (mapping and key in mapping.options))
     columns = Columns(head)
-    words = {word for label in columns.labels for word in label.words}
-    usual = tuple(
-        key for key in usual if key != "quantity" or not words & SCATTERING
-    )  # S is no response as it stands
+    usual = tuple(key for key in usual if key != "quantity" or not _of_waves(head))
     options = {key: value for key, value in found.items() if key not in usual}
     options |= mapping.options if mapping else {}
-    open_ = rivals(columns) or any(value == "?" for _, value in _said(options))
+    others = rivals(columns)
     inputs = options["columns"].keys() | options.get("constants", {}).keys()
-    open_ = open_ or not inputs & {"time", "frequency", *units.DRIVES}
-    if open_ or not head.dialect.header or found.get("kind") == "waveform":
+    open_ = not inputs & {"time", "frequency", *units.DRIVES} or not head.dialect.header
+    if others and not open_:
+        read = options["columns"].items()
+        one = next(entry["column"] for name, entry in read if name in RESPONSE - {"phase"})
+        names = " or ".join([one, *(head.names[k] for k in others)])
+        said = f"found {names} as what may be the response, expected a mapping file that says which"
+        raise Undecided(f"{head.path}: {said}", draft)
+    open_ = open_ or bool(others) or any(value == "?" for _, value in _said(options))
+    if open_ or found.get("kind") == "waveform":
         raise LogError(f"{head.path}: its heads do not tell all that is needed", draft)
     drafted = checked(BY_HEADS, options)
     read = {name: entry["column"] for name, entry in drafted.options["columns"].items()}
@@ -87,8 +96,9 @@ def completed(head: Head, mapping: MappingFile) -> Found:
         said = f"found no response ({names}), expected the columns that {mapping.path} is for"
         raise LogError(f"{head.path}: {said}", draft)
     left = tuple(key for key, value in _said(options) if value == "?")
+    usual = {*USUAL} - ({"quantity"} if _of_waves(head, REFLECTED) else set())
     rows = "preset" in mapping.options and options.get("kind") != "waveform"
-    if left and not (rows and {*left} <= {*USUAL}):
+    if left and not (rows and {*left} <= usual):
         raise LogError(f"{head.path}: {_open(mapping, left)}", draft)
     options = {key: value for key, value in options.items() if key not in left}
     for name, entry in options["columns"].items():
@@ -98,6 +108,11 @@ def completed(head: Head, mapping: MappingFile) -> Found:
             )
     whole = replace(checked(mapping.path, options), base=mapping.base)
     return head, whole, _told(mapping, found, options), left
+
+
+def _of_waves(head: Head, names: Collection[str] = SCATTERING) -> bool:
+    """Whether columns are called S11 or alike, which are no response as they stand."""
+    return any({*label.words}.intersection(names) for label in Columns(head).labels)
 
 
 def joined(head: Head, dialect: Dialect) -> Head:
@@ -133,6 +148,11 @@ def _merged(mapping: MappingFile, found: Mapping[str, Any]) -> dict[str, Any]:
         for name, text in base.get("constants", {}).items()
         if name not in units.DRIVES or not driven
     }
+    if {*units.DRIVES} & {*given.get("constants", {})}:  # in the place of a column that seems to be the drive
+        named = given.get("columns", {})
+        columns = {
+            name: entry for name, entry in columns.items() if name not in units.DRIVES or name in named
+        }
     ratio = {**base, **found, **given}.get("quantity") in RATIOS
     constants = {} if ratio else usual
     constants |= {name: text for name, text in found.get("constants", {}).items() if name not in columns}

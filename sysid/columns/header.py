@@ -10,7 +10,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 
 from sysid.columns.factors import not_applied
-from sysid.columns.found import TAKEN, as_drafted, completed, with_preset
+from sysid.columns.found import TAKEN, Undecided, as_drafted, completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
 from sysid.columns.metadata import rate_key, refuse_repeated, stated_constant
@@ -73,6 +73,8 @@ def _by_heads(mapping: MappingFile | None, error: LogError) -> Planned:
         raise error
     try:
         return _found(*as_drafted(error.head, mapping, str(error.mapping)))
+    except Undecided:
+        raise
     except LogError:
         raise error from None
 

@@ -7,7 +7,7 @@ say the same of different signals: the real part. Letters that mean different th
 
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from sysid.columns.mapping import split_ending
 from sysid.columns.plan import ANGLES, PHASES, per_drive
 from sysid.tables import densities, units
+from sysid.tables.cells import amount, to_number
 from sysid.tables.densities import is_decibel
 
 
@@ -40,15 +41,15 @@ def _words(text: str) -> tuple[str, ...]:
 INPUTS = {
     name: _words(text)
     for name, text in {
-        "time": "t time timestamp zeit uhrzeit temps heure tiempo hora tempo tijd tid czas время"
+        "time": "t time timestamp zeit uhrzeit temps heure tiempo hora tempo tijd tid czas время 時間 时间"
         " x-axis x_value xvalue second seconds sec elapsed",
         "frequency": "f freq frequency frequenz fréquence frecuencia frequenza частота frq omega ω"
-        " frequência frequentie frekvens częstotliwość",
-        "temperature": "temp temperature temperatur température temperatura температура temperatuur t",
+        " frequência frequentie frekvens częstotliwość 周波数 频率",
+        "temperature": "temp temperature temperatur température temperatura температура temperatuur t 温度",
         "force": "force kraft fuerza forza força kracht siła",
         "duty": "duty pwm tastgrad",
         "voltage": "v u voltage volt volts spannung tension voltaje tensione напряжение"
-        " tensão voltagem spanning spänning napięcie"
+        " tensão voltagem spanning spänning napięcie 電圧 电压"
         " drive excitation anregung anregungsspannung excitación eccitazione возбуждение"
         " vin vdrive udrive vexc uexc vosc uosc oscillator",
         "wd": "wd",
@@ -65,6 +66,7 @@ DRIVEN = {*_words("drive excitation anregung excitación eccitazione возбу�
 PHASE = {*_words(
     "phase phi theta θ φ ϕ arg ang angle argument thetaz thetay θz θy phz phas"
     " phasenwinkel phasenverschiebung winkel déphasage fase ángulo angolo фаза угол fas faz vaihe fáze"
+    " 位相 相位"
 )}  # fmt: skip
 REAL = {*_words("re real realpart inphase realteil réel réelle reale действительная вещественная")}
 IMAGINARY = {*_words(
@@ -73,7 +75,7 @@ IMAGINARY = {*_words(
 )}  # fmt: skip
 MAGNITUDE = {*_words(
     "abs mag magn magnitude modulus amplitude amp ampl db logmag linmag"
-    " betrag amplitud módulo ampiezza modulo амплитуда модуль"
+    " betrag amplitud módulo ampiezza modulo амплитуда модуль 振幅 幅值"
 )}  # fmt: skip
 SCATTERING = {"s11", "s12", "s21", "s22"}
 GAINS = SCATTERING | {"gain", "transmission", "reflection"}  # ratios of two of a kind
@@ -99,7 +101,8 @@ RATIOS: dict[str, dict[str, set[str]]] = {
 # place's temperature.
 NOT_MEANT = {
     "voltage": {*_words(
-        "dc vdc udc offset bias supply battery sensor detector photodiode pd laser versorgung"
+        "dc vdc udc offset bias supply battery sensor detector photodiode pd laser sens fullscale fs"
+        " versorgung"
         " versorgungsspannung gleichspannung alimentation d'alimentation alimentación alimentazione"
     )},
     "frequency": {*_words("center centre mittenfrequenz span rbw vbw")},
@@ -126,6 +129,8 @@ OFFSETS = {
     "verstimmung",
     "désaccord",
 }  # of a frequency
+# from which these are counted
+CENTRES = {*_words("center centre mittenfrequenz centrale carrier reference ref lo")}
 POWERS = {"power", "intensity", "leistung", "intensität", "puissance", "squared"}
 LOGARITHM = re.compile(r"(ln|log|log10|lg)[\s_]*[(\[|]", re.I)  # of which the unit behind it is none
 _TITLES = {("r",), ("x",), ("g",), ("b",), ("rs",), ("xs",), ("gp",), ("bp",)}  # of an analyser's traces
@@ -156,6 +161,8 @@ _USUAL = {
     "m/s",
     "mm/s",
     "degC",
+    "°C",
+    "°F",
     "S",
     "%",
 }
@@ -286,6 +293,17 @@ def counts_days(name: str, numbers: Sequence[float] | np.ndarray) -> bool:
     steps = np.diff(numbers)
     within = len(steps) > 0 and bool(np.all((DAYS[0] < np.array(numbers)) & (np.array(numbers) < DAYS[1])))
     return within and folded(name) in STAMPED and bool(np.all((steps >= 0) & (steps < 1)) and np.any(steps))
+
+
+def centre(metadata: Mapping[str, str], unit: str) -> str:
+    """The frequency that offsets in a unit are counted from, in that unit, as metadata state it; "" where
+    they do not."""
+    for key, value in metadata.items():
+        label, (number, behind) = parse(key), amount(value) or ("", "")
+        of = label.unit or behind
+        if number and {*label.words} & CENTRES and units.fits("frequency", of):
+            return f"{units.convert(to_number(number), of, unit):.15g}"
+    return ""
 
 
 def is_unit(text: str) -> bool:

@@ -100,9 +100,14 @@ def lone_signal(columns: Columns, guessed: Mapping[str, int]) -> dict[str, int]:
 def rivals(columns: Columns) -> list[int]:
     """Other columns that may be the response as well as the one that is taken for it alone, an amplitude or a
     signal."""
-    found = lone_signal(columns, roles(columns))
+    named = roles(columns)
+    found = lone_signal(columns, named)
     alone = {"w", "magnitude"} & found.keys() and "phase" not in found
-    return _left(columns, found) if alone else []
+    left = (
+        "magnitude" in found.keys() - named.keys() and "w" not in named
+    )  # what there was, whatever it shows
+    others = _left(columns, found)
+    return others if alone else _telling(columns, _first(columns, others)) if left else []
 
 
 def _are_parts(columns: Columns, found: Mapping[str, int], left: list[int]) -> bool:

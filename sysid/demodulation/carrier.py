@@ -28,6 +28,7 @@ JUMP = 0.1  # rad by which the phase may jump while the drive is on
 NEAR = 16  # blocks within which two phases may meet
 AROUND = np.array([-1.15, 0.15])  # samples about a cut within which a drive that goes on unbroken changes
 WIDEST = 4  # blocks that a change of the drive may take
+FEWEST, LEVELS = 8, 257  # steps of a recorder of up to eight bits, whose rounding shows
 
 
 HELD = (
@@ -117,9 +118,8 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
         raise LogError(f"{found}, expected {FINE} or more, or a sine")
     jitter = omega + HARMONICS if switched else 0.0
     floor = max(FLOOR, 0.3 * jitter)
-    noise = float(
-        np.hypot(2.2 * np.quantile(np.abs(np.diff(size)), 0.25), floor * np.max(size))
-    )  # of normal numbers
+    own = 2.2 * np.quantile(np.abs(np.diff(size)), 0.25)  # of normal numbers
+    noise = float(np.linalg.norm([own, floor * np.max(size), _rounded(drive, omega)]))
     pieces = _pieces(seen, noise, jitter) if noise else []
     lines = [_fitted(middle[a:b], seen[a:b], base, noise, jitter) for a, b in pieces]
     if not any(line.level for line in lines):
@@ -155,6 +155,18 @@ def follow(drive: np.ndarray, omega: float, n: int) -> Stretches:
     return Stretches(
         cuts, np.array(edges), level, np.array(omegas), np.array(theta), np.array(errors), switched
     )
+
+
+def _rounded(drive: np.ndarray, omega: float) -> float:
+    """What a recorder of few steps adds to a block, which is what it adds to a period: the next ones are
+    rounded alike. 0 where steps are many, or so few that a drive is switched between them."""
+    levels = np.unique(drive)
+    if not FEWEST < len(levels) < LEVELS:
+        return 0.0
+    step = float(np.min(np.diff(levels)))
+    whole = (levels - levels[0]) / step
+    each = step / np.sqrt(6 * max(2 * np.pi / omega, 1.0))
+    return each if np.allclose(whole, np.round(whole), atol=0.1) else 0.0
 
 
 def _pieces(z: np.ndarray, noise: float, jitter: float) -> list[tuple[int, int]]:

@@ -23,13 +23,29 @@ HELD = 3  # settings, a name and its value each, at least
 def named(lines: Sequence[str], names: Sequence[str], delimiter: str) -> dict[int, str]:
     """The name, with its unit, of a column that settings above it explain and that does not say it itself;
     not where another column bears that name."""
-    said = {word.casefold() for word in _settings(lines, delimiter).get("x_dimension", ())}
+    settings = _settings(lines, delimiter)
+    if told := _of_an_oscilloscope(settings, names):
+        return told
+    said = {word.casefold() for word in settings.get("x_dimension", ())}
     name = DIMENSIONS.get(said.pop(), "") if len(said) == 1 else ""
     axes = [k for k, column in enumerate(names) if column.casefold() == AXIS]
     others = (units.parse_name(column) for column in names)
     if not (name and axes) or any(other and name.startswith(other.quantity) for other in others):
         return {}
     return {axes[0]: name}
+
+
+def _of_an_oscilloscope(settings: Mapping[str, Sequence[str]], names: Sequence[str]) -> dict[int, str]:
+    """The same of a column TIME and of channels, whose units Tektronix states above them, one for each, or
+    one."""
+    axes = [k for k, column in enumerate(names) if column.casefold() == "time"]
+    across, up = (settings.get(f"{way} units", ()) for way in ("horizontal", "vertical"))
+    if len(axes) != 1 or len({*across}) != 1:
+        return {}
+    channels = [k for k, column in enumerate(names) if column and k not in axes]
+    each = up if len(up) == len(channels) else [*up] * len(channels) if len({*up}) == 1 else ()
+    stated = {axes[0]: across[0], **dict(zip(channels, each, strict=False))}
+    return {k: f"{names[k]} [{unit}]" for k, unit in stated.items()}
 
 
 def sample_rate(

@@ -43,9 +43,9 @@ from sysid.tables.preamble import (
 )
 from sysid.tables.sheet import Sheet
 from sysid.tables.stamps import is_stamp
-from sysid.tables.textfile import LogError, decoded, open_text, read_line, refuse_binary
+from sysid.tables.textfile import LogError, code_page, decoded, open_text, read_line, refuse_binary
 
-OTHERS = "%!"  # comments too, where the first line begins so: of lock-ins and network analysers
+OTHERS = "%!*"  # comments too, where the first line begins so: of lock-ins, network analysers, REW
 SAMPLE = 50  # lines below the header that tell how the numbers are written
 
 
@@ -308,11 +308,9 @@ def _decoded(raw: bytes, encoding: str, number: int, notes: list[str]) -> tuple[
     try:
         line = raw.decode(encoding)
     except UnicodeDecodeError:
-        letters = re.findall(rb"[A-Za-z\x80-\xff]", raw)
-        cyrillic = 2 * sum(letter >= b"\xc0" for letter in letters) > len(letters)
-        encoding = "cp1251" if cyrillic else "cp1252"
+        encoding = code_page(raw)
         line = raw.decode(encoding, errors="replace")
-        notes.append(f"line {number} is not UTF-8: read as Windows-{encoding[2:]}")
+        notes.append(f"line {number} is not UTF-8: read as Windows-{encoding.removeprefix('cp')}")
     return line, encoding.removesuffix("-sig")
 
 

@@ -34,15 +34,19 @@ def names_across(header: Sequence[str], rows: Sequence[Sequence[str]]) -> int | 
     """How many cells stand before the numbers of each line of a table that lies across, the last of which
     names its quantity; None of any other table. `header` names these cells, or there is none. A bad cell here
     and there is left to be refused by its name."""
-    place = len(header) - 1 if any(header) else 0
+    places = (len(header) - 1, len(header) - 2) if any(header) else (0,)  # the last may name all the numbers
+    return next((place + 1 for place in places if place >= 0 and _lies_across(place, rows)), None)
+
+
+def _lies_across(place: int, rows: Sequence[Sequence[str]]) -> bool:
+    """Whether the cell at this place of most rows names what the numbers behind it are of."""
     may = [cell for row in rows for cell in row[place : place + 1] if cell.strip() and not is_number(cell)]
     if 2 * len(may) <= len(rows):
-        return None
+        return False
     wide = [row for row in rows if len([cell for cell in row if cell.strip()]) >= place + 4]
     named = [row for row in wide if row[place].strip() and not is_number(row[place])]
     whole = [row for row in named if all(is_number(cell) for cell in row[place + 1 :] if cell.strip())]
-    told = len(wide) >= len(rows) - 1 and 2 * len(whole) > len(rows)
-    return place + 1 if len(rows) > 1 and told else None
+    return len(rows) > 1 and len(wide) >= len(rows) - 1 and 2 * len(whole) > len(rows)
 
 
 def across(

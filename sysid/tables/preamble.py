@@ -102,7 +102,7 @@ def _names(lines: list[str], texts: list[int], top: Top, dialect: Dialect) -> tu
     *_, third, second, last = (-1, -1, -1, *texts)
     if full(second) and units_in(last):
         return second, True
-    if full(third) and units_in(second) and texts_in(last) and not full(last):
+    if full(third) and units_in(second) and texts_in(last):
         return third, True
     lone = len([cell for cell in _cells(lines[last], top.delimiter) if cell]) == 1
     if lone and full(second) and texts_in(second) and top.width > 2:  # a setting has a name and a value
@@ -211,6 +211,8 @@ def left_out(lines: list[str], number: int, top: Top, comments: Collection[int])
     where = [str(number + run[0]) + (f" to {number + run[-1]}" if run[1:] else "") for run in runs if run]
     lone = len(where) == 1 and where[0].isdigit()
     notes = [f"line{'' if lone else 's'} {listed(where)}, above the header, left out"] if where else []
+    below = [k for k in range(top.names + 1 + top.units, top.rows) if lines[k].strip()]
+    notes += [f"line {number + k}, between the header and the rows, left out" for k in below]
     spare = [name for name in _cells(lines[top.names], top.delimiter)[top.width :] if name]
     return notes + ([f"names without a column, left out: {listed(spare)}"] if spare else [])
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.tables import units
 from sysid.tables.cells import Dialect, listed
 from sysid.tables.csvfile import SAMPLE, Head
 from sysid.tables.sheet import Sheet
@@ -153,6 +154,8 @@ def library(name: str, path: str, kind: str, extra: str) -> Any:
 
 def _as_columns(name: str, values: np.ndarray, unit: str) -> dict[str, np.ndarray]:
     """A one-dimensional array as a column, or as two; empty where it holds neither numbers nor texts."""
+    if values.dtype.kind == "c" and not unit and (said := units.parse_name(name)):  # w_um: both of its parts
+        name, unit = said.quantity, said.unit
     ending = f" [{unit}]" if unit else ""
     if values.dtype.kind == "c":
         parts = {"re": values.real, "im": values.imag}

@@ -54,6 +54,31 @@ def decoded(raw: bytes) -> str:
         return raw.decode("cp1252", errors="replace")
 
 
+def code_page(raw: bytes) -> str:
+    """The code page of Windows that a line which is no UTF-8 was probably written in: Japanese where two
+    kana, or signs of the first level, stand side by side; Chinese where all signs are of two bytes, some
+    below those of Russian letters; Russian where most letters are such; else Western."""
+    if re.search(rb"(?:[\x82\x83\x88-\x97][\x40-\x7e\x80-\xfc]){2}", raw) and _decodes(raw, "cp932"):
+        return "cp932"
+    runs = re.findall(rb"[\x80-\xff]+", raw)
+    if (
+        all(len(run) % 2 == 0 for run in runs)
+        and re.search(rb"[\xb0-\xf7][\xa1-\xb7]", raw)
+        and _decodes(raw, "gbk")
+    ):
+        return "gbk"
+    letters = re.findall(rb"[A-Za-z\x80-\xff]", raw)
+    return "cp1251" if 2 * sum(letter >= b"\xc0" for letter in letters) > len(letters) else "cp1252"
+
+
+def _decodes(raw: bytes, encoding: str) -> bool:
+    try:
+        raw.decode(encoding)
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 class LogError(ValueError):
     """Unusable input: the message names file, line or column, what was found and what was expected.
 

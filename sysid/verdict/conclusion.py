@@ -82,9 +82,11 @@ def conclude(
     turned = [f"{t.log.name}: {said}" for t in best.trials if not wrong and (said := wording.turned(t))]
     believed = _believed(fit, question.reference_temperature)
     parameters, result = _parameters(fit), fit.result
+    bare = _parameters(_fit(question, [_bare(s) for s in states])) if wrong else parameters
     if result is Result.successful and not enough(parameters, best.trials):
         result = Result.undetermined
-    any_told = result is not Result.undetermined or any(parameters[n].determined for n in PLANT)
+    # but for what errors span beside what is wrong
+    any_told = result is not Result.undetermined or any(bare[n].determined for n in PLANT)
     mostly = any(w.mostly for w in wrong)
     if wrong and (any_told or mostly):
         result = Result.misfit  # a value from logs that the model does not describe is none
@@ -102,6 +104,11 @@ def conclude(
     return replace(
         fit, parameters=parameters, result=result, warnings=warnings, findings=findings, judged=judged
     )
+
+
+def _bare(state: State) -> State:
+    """A minimum with the errors of its noise alone."""
+    return replace(state, dispersion=np.zeros_like(state.dispersion))
 
 
 def _parameters(fit: Fit) -> dict[str, Parameter]:

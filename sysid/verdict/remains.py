@@ -1,8 +1,8 @@
 """What errors span of what a plate leaves of its logs, where it does not describe them.
 
 What is left and is not noise has moved the plate as well: by as much, it is supposed, as its like along the
-log moves it. With the score s_i = J_i^T r_i of each row and the information H of all, windows of L rows add to
-the covariance of theta
+log moves it. With the score s_i = J_i^T r_i of each row and the information H of all, windows of L rows add
+to the covariance of theta
 
     H^-1 (n/(n - L) sum_w S_w S_w^T / L) H^-1        S_w = sum of s_i in the window w
 
