@@ -116,9 +116,9 @@ def test_peak_amplitudes_beside_a_drive_are_a_warning(save):
     (log,) = read_logs(save(table("Frequency [Hz],Voltage [V],X [um],Y [um]", F, 0 * F + 5, *re_im(S))))
     (said,) = log.warnings
     assert "both are taken as peak, by which G goes" in said
-    beside = table("Frequency [Hz],X [um],Y [um],電圧[V],湿度", F, *re_im(S), 0 * F + 5, 0 * F + 40)
+    beside = table("Frequency [Hz],X [um],Y [um],励振[V],湿度", F, *re_im(S), 0 * F + 5, 0 * F + 40)
     (log,) = read_logs(save(beside))
-    assert any("'電圧[V]' as voltage; not 湿度; a mapping file" in said for said in log.notes)
+    assert any("'励振[V]' as voltage; not 湿度; a mapping file" in said for said in log.notes)
     stated = table("Frequency [Hz],Voltage [Vrms],X [um rms],Y [um rms]", F, 0 * F + 5, *re_im(S))
     assert not read_logs(save(stated))[0].warnings
     half = table("Frequency [Hz],Voltage [Vrms],X [um],Y [um]", F, 0 * F + 5, *re_im(S))

@@ -514,10 +514,16 @@ def test_one_of_two_signed_columns_is_not_taken_for_the_whole(save, head):
     refused(save(table(head, F, *re_im(S))), "found no response")
 
 
-@pytest.mark.parametrize("head", ["Time (s),ax (m/s^2),ay (m/s^2)", "Time (s),Pump (%),Valve (%),Level (cm)"])
-def test_of_several_signals_none_is_read_without_being_named(save, head):
+@pytest.mark.parametrize(
+    "head, said",
+    [
+        ("Time (s),ax (m/s^2),ay (m/s^2)", "found no response"),
+        ("Time (s),Pump (%),Valve (%),Level (cm)", "Pump (%) or Valve (%) or Level (cm)"),
+    ],
+)
+def test_of_several_signals_none_is_read_without_being_named(save, head, said):
     noise = np.random.default_rng(0).standard_normal((head.count(","), len(F)))
-    refused(save(table(head, 0.1 * np.arange(len(F)), *noise)), "found no response")
+    refused(save(table(head, 0.1 * np.arange(len(F)), *noise)), said)
 
 
 @pytest.mark.parametrize(

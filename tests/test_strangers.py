@@ -122,7 +122,7 @@ def test_a_time_of_an_unknown_form_is_shown(save, cell):
         ("micros()", [100 * k for k in range(60)]),
         ("Ticks", [638474832000000000 + 1000 * k for k in range(60)]),
         ("datenum", [739342.5 + 1e-4 * k / 86400 for k in range(60)]),
-        ("時間 (秒)", TIME.tolist()),
+        ("経過 (秒)", TIME.tolist()),
         ("Time of day", [f"12:00:{k:02d}.5" for k in range(60)]),
     ],
 )

@@ -177,6 +177,7 @@ class Search:
         for k in np.flatnonzero(np.abs(best.numbers) > np.sqrt(np.diag(best.covariance))):
             numbers = np.where(np.arange(len(best.numbers)) == k, -1.0, 1.0) * best.numbers
             there = self.points.at(best.instances, numbers, best.state)
+            there = self.followed(there, FIRST, ROUGH)  # its sign may not be all that changes
             there = self.followed(there, STEPS) if there.cost < most + WITHIN else there
             if there.cost < most and all(_apart(there.state, state) for state in known):
                 known.append(there.state)

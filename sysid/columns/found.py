@@ -61,16 +61,16 @@ def as_drafted(head: Head, mapping: MappingFile | None, draft: str) -> Found:
     usual = tuple(key for key in usual if key != "quantity" or not _of_waves(head))
     options = {key: value for key, value in found.items() if key not in usual}
     options |= mapping.options if mapping else {}
-    others = rivals(columns)
+    rival = [head.names[k] for k in rivals(columns)]
     inputs = options["columns"].keys() | options.get("constants", {}).keys()
     open_ = not inputs & {"time", "frequency", *units.DRIVES} or not head.dialect.header
-    if others and not open_:
+    if rival and not open_:
         read = options["columns"].items()
         one = next(entry["column"] for name, entry in read if name in RESPONSE - {"phase"})
-        names = " or ".join([one, *(head.names[k] for k in others)])
+        names = " or ".join([one, *rival])
         said = f"found {names} as what may be the response, expected a mapping file that says which"
         raise Undecided(f"{head.path}: {said}", draft)
-    open_ = open_ or bool(others) or any(value == "?" for _, value in _said(options))
+    open_ = open_ or bool(rival) or any(value == "?" for _, value in _said(options))
     if open_ or found.get("kind") == "waveform":
         raise LogError(f"{head.path}: its heads do not tell all that is needed", draft)
     drafted = checked(BY_HEADS, options)

@@ -83,14 +83,18 @@ def _resonates(trial: Trial) -> bool:
 
 
 BOTH = "; record a sweep across both, which tells them apart"
+BLURRED = 3.0  # half bandwidths, within which a mean over one that moves looks as if it were two
+MEAN = "or else each point is a mean over one that moved meanwhile, whose G and tau are others"
 
 
 def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
     apart = found["apart_Hz"]
     side, both = "above" if apart.value > 0 else "below", "" if trial.steady else BOTH
+    within = trial.swept and abs(apart.value) < BLURRED / (2 * np.pi * found["tau_s"].value)
+    doubt = f" ({MEAN})" if within else ""
     return Told(
         f"a second resonance, {abs(apart.value):.4g} ± {pm(apart.std)} Hz {side} the first and of"
-        f" {100 * found['size'].value:.3g} % of its response",
+        f" {100 * found['size'].value:.3g} % of its response{doubt}",
         f"a controller of the first alone does not know it: keep it away from there{both}",
     )
 
