@@ -142,11 +142,13 @@ def _with_effects(
     outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
     if (told := outcome.adopted) is not None:
         so = "which is fitted" if outcome.wholly else "which is fitted; the errors span what it leaves"
+        findings = told.findings("fitted", so)
         again = replace(
             question,
             trials=told.state.trials,
             dispersion=question.dispersion + told.dispersion,
-            effects=told.findings("fitted", so),
+            effects=findings,
+            warnings=wording.beside_feedthroughs(question.warnings, findings),
             told=found.reference_temperature,
         )
         states = minimiser.imaged([told.state])

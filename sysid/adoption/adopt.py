@@ -323,7 +323,8 @@ def misfitting(state: State, found: Sequence[Found]) -> set[int]:
 
 def _rough(found: Description) -> bool:
     """Whether the law of an effect is not known well in one of its logs."""
-    return any(x.effect.rough(found.state.trials[i]) for x in found.instances for i in x.where)
+    each, trials = zip(found.instances, found.parts, strict=True), found.state.trials
+    return any(x.effect.rough(trials[i], found.numbers[part]) for x, part in each for i in x.where)
 
 
 def _entangled(best: Description) -> bool:

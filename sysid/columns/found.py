@@ -20,7 +20,7 @@ from sysid.tables.csvfile import Head, LogError, read_head
 from sysid.tables.scattered import RATIOS
 
 SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
-REFLECTED = ("s11", "s22")  # unlike S21, which may be what a sensor makes of a drive
+REFLECTED = ("s11", "s22", "return", "vswr", "swr")  # unlike S21, which may be what a sensor makes of a drive
 RESPONSE = {part for parts in RESPONSES for part in parts} | {"response"}
 
 

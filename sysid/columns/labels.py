@@ -77,7 +77,7 @@ MAGNITUDE = {*_words(
     "abs mag magn magnitude modulus amplitude amp ampl db logmag linmag"
     " betrag amplitud módulo ampiezza modulo амплитуда модуль 振幅 幅值"
 )}  # fmt: skip
-SCATTERING = {"s11", "s12", "s21", "s22"}
+SCATTERING = {"s11", "s12", "s21", "s22", "return", "vswr", "swr"}  # as a return loss
 GAINS = SCATTERING | {"gain", "transmission", "reflection"}  # ratios of two of a kind
 SIGNAL = GAINS | {"power", "level", "r"}  # magnitudes where nothing else is said
 # Letters of a lock-in, and of what calls its channels otherwise.

@@ -4,32 +4,33 @@ between which the resonance moved.
 Each row shows the mean over a distribution of the detuning, of standard deviation s: of the response itself,
 or of its power,
 
-    y = E[W(f - s x)],    |y|^2 = E[|W(f - s x)|^2],
-    p(x) = phi(x) (1 + skew He_3(x)/6 + excess He_4(x)/24),
+    y = E[W(f - s x)],    |y|^2 = E[|W(f - s x)|^2],    x = (z - E z)/std z,
+    p(z) ~ (1 - z)^(c (1 + t) - 1) (1 + z)^(c (1 - t) - 1),    c = 1 + e^(2 + 2 shape),    t = tanh skew,
 
-as of a window, or of a few sweeps, by Gauss-Hermite quadrature (p: Gram-Charlier). A Cauchy distribution of
-half width s would lower tau, 1/tau + 2 pi s, and no more: most of what blurs is taken for tau, and it is told
-by what is left alone. So it is named and not adopted.
+a Beta distribution, by Gauss-Jacobi quadrature: from even over a band (c = 1), as of a window or a drift, to
+normal (c large), as of many sweeps. What is more at the ends than between them is no blur but two modes. A
+Cauchy distribution of half width s would lower tau, 1/tau + 2 pi s, and no more: most of what blurs is taken
+for tau, and it is told by what is left alone. So it is named and not adopted.
 """
 
 import numpy as np
-from numpy.polynomial.hermite_e import hermegauss, hermeval
+from scipy.special import roots_jacobi
 
 from sysid.effects.effect import LEAST_ROWS, About, Effect, Told, always, nowhere, positive, sweep
 from sysid.effects.number import Number, number, pm
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
-SHAPE = 1.0  # of the skewness and the excess: those of six sweeps, and of two to twenty-four
+SHAPE, SKEW = 1.0, 0.5  # from nearly even to nearly normal, and from one end over the middle
 WIDTHS = np.array([0.2, 0.5, 1.0])  # half bandwidths, of which it seems to have more than it has
+FLAT = 5.0  # of the shape: as even, or as normal, as it can be seen to be
 NODES = 24  # by which a blur of one half bandwidth is right to 2e-4 of the peak
 
 
 def _blurred(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """d and q as the mean of the response, an amplitude as that of its power."""
-    std, skew, excess = values
-    x, weight = hermegauss(NODES)
-    weight = weight / np.sum(weight) * hermeval(x, [1.0, 0.0, 0.0, skew / 6, excess / 24])
+    std, skew, shape = values
+    x, weight = _distribution(float(skew), float(shape))
     course = LogResponse.of(trial, about.reference, about.near)
     away = np.tile(2j * np.pi * about.half_bandwidth * std * x, (len(course.hold.drive), 1))
     each, plate = course.at(away).forced, course.forced
@@ -38,6 +39,15 @@ def _blurred(trial: Trial, values: np.ndarray, about: About) -> Trial:
     else:
         mean = plate / np.abs(plate) * np.sqrt(np.maximum(np.abs(each) ** 2 @ weight, 0.0))
     return trial.with_bench(alongside=trial.bench.moves + mean - plate)
+
+
+def _distribution(skew: float, shape: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places (NODES,) of mean 0 and of standard deviation 1, and their weights."""
+    c, t = 1 + np.exp(np.clip(2 + 2 * shape, -FLAT, FLAT)), np.tanh(np.clip(skew, -1.0, 1.0))
+    z, weight = roots_jacobi(NODES, c * (1 + t) - 1, c * (1 - t) - 1)
+    weight = weight / np.sum(weight)
+    z = z - weight @ z
+    return z / np.sqrt(weight @ z**2), weight
 
 
 def _said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -53,7 +63,7 @@ def _said(trial: Trial, found: dict[str, Number]) -> Told:
 BLUR = Effect(
     name="blur",
     shows=lambda trial: trial.swept and len(trial.log) >= LEAST_ROWS and (not trial.signed or sweep(trial)),
-    stds=lambda trial, about: np.array([WIDTHS[-1], SHAPE, SHAPE]),
+    stds=lambda trial, about: np.array([WIDTHS[-1], SKEW, SHAPE]),
     starts=lambda trial, about: WIDTHS[:, None] * np.eye(1, 3),
     applied=_blurred,
     numbers=lambda trial, values, stds, about: {

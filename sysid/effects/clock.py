@@ -28,7 +28,7 @@ from sysid.trials.trial import Trial, with_noise
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
 TAUS = np.array([0.02, 0.06, 0.2, 0.5, 1.0, 2.0])
-FILTERED = np.array([0.03, 0.1, 0.3, 1.0])  # of tau, the delay of all poles of a filter
+FILTERED = np.array([0.03, 0.1, 0.3, 1.0, 3.0])  # of tau, the delay of all poles of a filter
 LEAST = 1e-3  # of tau: of a filter and of a dwell, which are not negative
 # of the response: in a step a delay of less than a row looks like a gain and a feedthrough that cancel
 THROUGH = 0.03
@@ -151,7 +151,7 @@ def _filter(order: int) -> Effect:
     )
 
 
-FILTERS = tuple(_filter(order) for order in (1, 2, 3, 4))  # 6 to 24 dB per octave, as lock-ins have them
+FILTERS = tuple(_filter(order) for order in (1, 2, 3, 4, 6, 8))  # 6 to 48 dB per octave, as lock-ins have
 
 
 def _gapped(trial: Trial) -> bool:

@@ -106,30 +106,31 @@ class Fitted(NamedTuple):
 class Effect:
     """An effect by the name that it has in scenes.
 
-    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`: (m, d)
-    from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their standard
-    deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and these. `scope`:
-    "log", each log has numbers of its own; "plate", they are the same in all logs that show it; "bench", they
-    may be either. `many`: a log may have more than one. `rough`: in which logs its law is not known well
-    enough for the errors that the fit states, so that it is named and not adopted. `another`: with it the
-    plant is not of first order, and G and tau are none of it. `afresh`: with it the plant of that log may be
-    far from what it seems without, and is looked for anew from each start. `stretched`: of one that changes
-    what was recorded, the log of by how much it stretches that. `linear`: numbers that the response follows
-    in proportion from zero, as far as a log has them, by which logs show it to first order, beside others at
-    each of its `places` (m, d); where none is, all that it does at a place. `known_as`: what else shows it to
-    first order (`verdict.terms`); with neither it has to be tried. `noise_like`: whether noise of a log looks
-    like such numbers. `expected`: every plate has a little of it; `usual`: every bench, so that of settled d
-    and q it is always fitted. `shown_by`: what to record so that it shows, where as much of it as moves the
-    parameters far may hide in a log; else "". `stated`: what a log's metadata would have said of it, by which
-    rows are read in another way. `colour`: of noise that went through it, the correlation of
-    rows that are so many seconds apart. `relative`: it is what a log is beside others, and not what all are.
-    `vague`: whether in such a log, with such numbers, it may look like anything, so that all others are tried
-    as well. `hop`: of numbers that a log follows in steps, but for linear ones, where they had better be,
-    seen from the plate near by. `settles`: it follows the plate that is fitted beside it, until both settle.
-    `steps`: (d,) over which the response changes with its numbers, where it does so from row to row.
-    `leaves`: (6,) standard deviations of theta that it leaves open, where all driven logs have it as a given
-    one does. `makes_sense`: whether numbers as they are fitted are those of the effect; unless stated,
-    whether one that is linear is seen at all."""
+    `shows`: whether a log can show it. `stds`: (d,) prior standard deviation of its numbers. `starts`:
+    (m, d) from where they are looked for. `applied`: the log read as with it. `numbers`: these, and their
+    standard deviations, by name, in units of the bench. `said`: a sentence in two parts on the log and
+    these. `scope`: "log", each log has numbers of its own; "plate", they are the same in all logs that
+    show it; "bench", they may be either. `many`: a log may have more than one. `rough`: in which logs,
+    with which numbers, its law is not known well enough for the errors that the fit states, so that it is
+    named and not adopted. `another`: with it the plant is not of first order, and G and tau are none of
+    it. `afresh`: with it the plant of that log may be far from what it seems without, and is looked for
+    anew from each start. `stretched`: of one that changes what was recorded, the log of by how much it
+    stretches that. `linear`: numbers that the response follows in proportion from zero, as far as a log
+    has them, by which logs show it to first order, beside others at each of its `places` (m, d); where
+    none is, all that it does at a place. `known_as`: what else shows it to first order (`verdict.terms`);
+    with neither it has to be tried. `noise_like`: whether noise of a log looks like such numbers.
+    `expected`: every plate has a little of it; `usual`: every bench, so that of settled d and q it is
+    always fitted. `shown_by`: what to record so that it shows, where as much of it as moves the
+    parameters far may hide in a log; else "". `stated`: what a log's metadata would have said of it, by
+    which rows are read in another way. `colour`: of noise that went through it, the correlation of rows
+    that are so many seconds apart. `relative`: it is what a log is beside others, and not what all are.
+    `vague`: whether in such a log, with such numbers, it may look like anything, so that all others are
+    tried as well. `hop`: of numbers that a log follows in steps, but for linear ones, where they had
+    better be, seen from the plate near by. `settles`: it follows the plate that is fitted beside it,
+    until both settle. `steps`: (d,) over which the response changes with its numbers, where it does so
+    from row to row. `leaves`: (6,) standard deviations of theta that it leaves open, where all driven
+    logs have it as a given one does. `makes_sense`: whether numbers as they are fitted are those of the
+    effect; unless stated, whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -140,7 +141,7 @@ class Effect:
     said: Callable[[Trial, dict[str, Number]], Told]
     scope: str = "log"
     many: bool = False
-    rough: Callable[[Trial], bool] = lambda trial: False
+    rough: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     another: bool = False
     afresh: Callable[[Trial], bool] = lambda trial: False
     stretched: Callable[[Trial, np.ndarray, About], float] = lambda trial, values, about: 0.0
@@ -168,8 +169,8 @@ class Effect:
         return fitted.seen(*(k for k in self.linear if k < len(fitted.values)))
 
 
-def always(trial: Trial) -> bool:
-    """In any log."""
+def always(trial: Trial, values: np.ndarray | None = None) -> bool:
+    """In any log, with any numbers."""
     return True
 
 

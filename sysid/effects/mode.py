@@ -83,15 +83,17 @@ def _resonates(trial: Trial) -> bool:
 
 
 BOTH = "; record a sweep across both, which tells them apart"
-BLURRED = 3.0  # half bandwidths, within which a mean over one that moves looks as if it were two
+# half bandwidths, within which a mean over one that moves looks as if it were two, and of which share then
+BLURRED, MUCH = 3.0, 0.25
+TURNED = 0.35  # sine of 20 degrees: what feedthroughs and delays that are not described turn it by
 MEAN = "or else each point is a mean over one that moved meanwhile, whose G and tau are others"
 
 
 def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
     apart = found["apart_Hz"]
     side, both = "above" if apart.value > 0 else "below", "" if trial.steady else BOTH
-    within = trial.swept and abs(apart.value) < BLURRED / (2 * np.pi * found["tau_s"].value)
-    doubt = f" ({MEAN})" if within else ""
+    near = abs(apart.value) < BLURRED / (2 * np.pi * found["tau_s"].value)
+    doubt = f" ({MEAN})" if trial.swept and near and found["size"].value > MUCH else ""
     return Told(
         f"a second resonance, {abs(apart.value):.4g} ± {pm(apart.std)} Hz {side} the first and of"
         f" {100 * found['size'].value:.3g} % of its response{doubt}",
@@ -197,6 +199,18 @@ def _seems_a_mode(trial: Trial, fitted: Fitted) -> bool:
     return bool(beside and SEEN * np.min(stds[2:4]) < size <= fitted.own)
 
 
+def _overlaps(trial: Trial, values: np.ndarray) -> bool:
+    """Whether it is nearer to the first than both are wide."""
+    return bool(abs(values[0]) < APART[0])
+
+
+def _is_turned(trial: Trial, values: np.ndarray) -> bool:
+    """Whether one that overlaps with the first moves neither in phase with it nor against it, as the modes of
+    a structure of little damping do: so looks a mean over a resonance that moved."""
+    turned = abs(values[3]) > TURNED * np.hypot(*values[2:4])
+    return bool(trial.swept and trial.signed and turned and _overlaps(trial, values))
+
+
 def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
     return beside(trial, values[2:4], about, _second(trial, values[0], values[1], values[4], about))
 
@@ -214,7 +228,8 @@ SECOND_MODE = Effect(
     shown_by=lambda trial, about: SWEEP if moving(trial) else "",
     many=True,
     scope="bench",
-    vague=lambda trial, values: bool(abs(values[0]) < APART[0]),
+    vague=_overlaps,
+    rough=_is_turned,
     makes_sense=_seems_a_mode,
 )
 

@@ -185,7 +185,7 @@ def _amplitude_damped(power: int) -> Effect:
         },
         said=said,
         scope="plate",
-        rough=lambda trial: not trial.steady,
+        rough=lambda trial, values: not trial.steady,
         vague=lambda trial, values: not trial.steady,
         shown_by=at_others(shows),
         makes_sense=followed,

@@ -26,7 +26,7 @@ from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.parted import parted
-from sysid.logs.stated import errors, read_errors, stated_in
+from sysid.logs.stated import errors, of_scattering, read_errors, stated_in
 from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
@@ -37,6 +37,7 @@ from sysid.tables.csvbody import Body, read_body
 from sysid.tables.csvfile import Head, LogError, called
 from sysid.tables.densities import amplitude_of, is_decibel
 from sysid.tables.melted import widened
+from sysid.tables.scattered import SCATTERED
 
 logger = logging.getLogger(__name__)
 OFFSET = "of one from a centre say find = true and columns.frequency.offset = 32300, say, in a mapping file"
@@ -159,6 +160,8 @@ def log_of(
         _refuse_open(head, plan, frequency)
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, frequency, driven)
         fields["std"] = errors(head.path, plan, arrays, stated_errors, frequency, driven)
+        if plan.quantity in SCATTERED:
+            fields["std"] = of_scattering(_recorded(head, arrays)[0], plan, frequency, driven)
     for array in fields.values():
         if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
@@ -170,7 +173,7 @@ def log_of(
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=not stated_errors and _in_proportion(plan),
+        relative_noise=fields.get("std") is None and _in_proportion(plan),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(
@@ -329,24 +332,26 @@ def _response(
     """Wd + j Wq, or W, and its unit."""
     if "w" in arrays:
         return arrays["w"]
+    signal, unit = _recorded(head, arrays)
+    if "wd" in arrays:
+        return turned(signal, plan), unit
+    return lock_in(signal, plan, frequency, unit, head.path, drive)
+
+
+def _recorded(head: Head, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray, str]:
+    """What two columns, or a magnitude alone, show, and its unit."""
     first, second = (
         ("wd", "wq") if "wd" in arrays else ("x", "y") if "x" in arrays else ("magnitude", "phase")
     )
     signal, unit = arrays[first]
-    if first == "magnitude" and "phase" in arrays:
-        signal = signal * np.exp(1j * arrays["phase"][0])
-    elif first != "magnitude":
-        imaginary, other = arrays[second]
-        if not units.same_kind(other, unit):
-            raise LogError(
-                f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind"
-            )
-        signal = _complex(signal, units.convert(imaginary, other, unit))
-    return (
-        (turned(signal, plan), unit)
-        if first == "wd"
-        else lock_in(signal, plan, frequency, unit, head.path, drive)
-    )
+    if first == "magnitude":
+        return (signal * np.exp(1j * arrays["phase"][0]) if "phase" in arrays else signal), unit
+    imaginary, other = arrays[second]
+    if not units.same_kind(other, unit):
+        raise LogError(
+            f"{head.path}: found {first} in {unit} and {second} in {other}, expected units of one kind"
+        )
+    return _complex(signal, units.convert(imaginary, other, unit)), unit
 
 
 def _complex(real: np.ndarray, imaginary: np.ndarray) -> np.ndarray:

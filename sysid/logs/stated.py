@@ -14,7 +14,7 @@ from sysid.tables import units
 from sysid.tables.csvbody import Body
 from sysid.tables.csvfile import Head, LogError
 from sysid.tables.densities import amplitude_of, is_decibel
-from sysid.tables.scattered import SCATTERED
+from sysid.tables.scattered import SCATTERED, steepness
 
 NEPER = math.log(10) / 20  # of a decibel
 Arrays = Mapping[str, tuple[np.ndarray, str]]
@@ -70,6 +70,13 @@ def errors(
     each = [_in(where, values, its, unit, size, power) for values, its in stated.values()]
     std = np.sqrt(np.mean(np.square(each), axis=0))
     return std if first in ("w", "wd") else std * _slope(plan, size, unit, frequency, drive)
+
+
+def of_scattering(
+    s: np.ndarray, plan: Plan, frequency: np.ndarray | None, drive: tuple[np.ndarray | None, str]
+) -> np.ndarray:
+    """(n,) standard errors of a response that is made of a scattering parameter, in which noise is even."""
+    return driven(steepness(s, plan.metadata), "S", drive)[0] / (2 * np.pi * frequency)
 
 
 def _in(

@@ -56,3 +56,10 @@ def admittance(s: np.ndarray, metadata: Mapping[str, str], where: str) -> np.nda
         said = f"found {s[row]:g}, of an admittance without bound, expected another"
         raise LogError(f"{where}, row {row} (counted from 0): {said}")
     return above / below
+
+
+def steepness(s: np.ndarray, metadata: Mapping[str, str]) -> np.ndarray:
+    """(n,) |dY/dS|, in S: an analyser's noise is even in S, and so uneven in Y."""
+    ohm, place = to_number(metadata["reference_ohm"]), metadata["device"]
+    below = {ONE: (1 + s) ** 2 / 2, SERIES: 2 * (1 - s) ** 2, ACROSS: s**2 / 2}[place]
+    return 1 / (ohm * np.abs(below))

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.tables.scattered import ACROSS, ONE, SERIES
+from sysid.tables.scattered import ACROSS, ONE, SERIES, steepness
 from sysid.tables.store import Store, claim_text, library
 from sysid.tables.textfile import LogError
 
@@ -55,6 +55,7 @@ def enter(store: Store, network: Any) -> None:
     for table, admittance in found.items():
         store.add(table, "frequency_Hz", frequency)
         store.add(table, "Y", admittance, "S")
+        store.add(table, "std", _steepness(network, table), "S")
         for row, column in np.ndindex(ports, ports):
             store.add(table, f"S{row + 1}{column + 1}", s[:, row, column])
         store.facts[table] = {"device": _AT[table]}
@@ -69,6 +70,13 @@ def _admittances(network: Any) -> dict[str, np.ndarray]:
     if s.shape[1] == 1:
         return {"": (1 - s[:, 0, 0]) / (network.z0[:, 0] * (1 + s[:, 0, 0]))}  # as `logs.scattered` has it
     return {"series": -network.y[:, 1, 0], "across": 1 / network.z[:, 1, 0]}
+
+
+def _steepness(network: Any, table: str) -> np.ndarray:
+    """(n,) noise of that, up to a factor, of noise that is even in S."""
+    place, ohm = {"series": SERIES, "across": ACROSS}.get(table, ONE), f"{network.z0[0, 0].real:g}"
+    with np.errstate(all="ignore"):
+        return steepness(network.s[:, -1, 0], {"reference_ohm": ohm, "device": place})
 
 
 def _choose(store: Store, s11: np.ndarray, s21: np.ndarray) -> None:

@@ -195,9 +195,10 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
             *doubts,
             Finding("late", "noted", wording.hangs_on_lateness(std_of(best.spread, "G"))),
         ]
-    if not wrong and (other := seldom_alias(best.trials, best.theta, reference)):
-        trial, *told = other
-        said = wording.aliased(trial.log.name, trial.spacing, *told)
+    told = not (wrong or identify.hopeless(best.trials, free) or identify.buried(best.trials))
+    if told and (other := seldom_alias(best.trials, best.theta, reference)):
+        trial, *of = other
+        said = wording.aliased(trial.log.name, trial.spacing, *of)
         doubts = [*doubts, Finding("alias", "noted", said, (trial.log.name,))]
     if FINGER[0] in free and (carried := recorder.extrapolated(best.trials)):
         doubts = [*doubts, Finding("finger", "noted", carried)]

@@ -79,6 +79,8 @@ def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) 
 
 def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
     """A sentence when nothing can be determined from these logs; else None."""
+    if sum(len(t.whole or t.log) for t in trials) == 1:
+        return "cannot tell, because there is one row; record ten points or more"
     if all(t.silent for t in trials):
         return (
             "cannot tell, because the response is the same in every row; see whether the sensor and what"

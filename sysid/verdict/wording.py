@@ -12,7 +12,7 @@ from sysid.rows.dwell import of_single_points
 from sysid.rows.prepare import OFFSET_UNITS
 from sysid.trials.trial import LEAST_WARMING, Trial
 from sysid.trials.whitening import Noise
-from sysid.verdict.finding import Assumed
+from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.identify import seconds
 
 MOST_TAKEN = 0.5  # of a log's information, from which its phase noise is worth a warning
@@ -23,6 +23,17 @@ GROWS = 2.0  # times its beginning, which a plate that rings freely never is
 FAINT = 0.3  # of a correlation with the row before, below which it is not known to be there
 MOSTLY = 1.5  # times an error, by which more than half of the variance is that of something else
 HANGS = 0.5  # of the standard deviation of k_T, by which an error matters that is not in it
+
+
+TAKEN_AS_ZERO = (
+    "amplitude only: a feedthrough of the drive too small to be fitted cannot be told from"  # the resonance
+)
+
+
+def beside_feedthroughs(warnings: Sequence[str], found: Sequence[Finding]) -> tuple[str, ...]:
+    """The warnings, but for those of a feedthrough that is taken as zero in logs where one was found."""
+    fitted = tuple(f"{name}: {TAKEN_AS_ZERO}" for f in found if f.key == "feedthrough" for name in f.logs)
+    return tuple(said for said in warnings if not said.startswith(fitted))
 
 
 def assumptions(trial: Trial) -> list[str]:
@@ -54,10 +65,7 @@ def assumptions(trial: Trial) -> list[str]:
         found.append("taken as settled, with the drive at zero, before its first row")
     if not trial.signed and trial.driven:
         other = "the resonance" if trial.resonant else "a late trigger and the gain"
-        found.append(
-            f"amplitude only: a feedthrough of the drive too small to be fitted cannot be told from {other}"
-            " and is taken as zero"
-        )
+        found.append(f"{TAKEN_AS_ZERO} {other} and is taken as zero")
     if not trial.driven and not trial.steady and _grows(np.abs(log.response)):
         found.append(
             "no drive is recorded, or only zero, and the response grows: taken as a free ring-down, which"
