@@ -155,11 +155,16 @@ def _with_effects(
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
         if anew.result is Result.successful or _tells(anew, found):
             return again, anew, True
+    if found.result is Result.successful and not judged.wrong and outcome.named is not None:
+        return (
+            question,
+            _noting(found, outcome.named.findings("noted", "which is hardly all that is there")),
+            False,
+        )
     likelier = outcome.surely and outcome.described  # than plates of their own
     if judged.apart is not None and not likelier:
         alike = outcome.named.findings("noted", "which is about as likely") if outcome.described else ()
-        warnings = (*found.warnings, *(f.sentence for f in alike))
-        return question, replace(found, findings=(*found.findings, *alike), warnings=warnings), False
+        return question, _noting(found, alike), False
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     most = outcome.named if outcome.surely or (found.result is Result.misfit and not surely) else None
@@ -178,6 +183,12 @@ def _with_effects(
         judged = judged._replace(wrong=[*named], doubts=[])
     hung = confounds_gain(states[0], minimiser.reference, minimiser.free)
     return question, conclude(question, states, hung, judged), outcome.surely
+
+
+def _noting(fit: Fit, found: Sequence[Finding]) -> Fit:
+    """The fit with what was found besides, and changes nothing of it."""
+    warnings = (*fit.warnings, *(f.sentence for f in found))
+    return replace(fit, findings=(*fit.findings, *found), warnings=warnings)
 
 
 def _tells(fit: Fit, before: Fit) -> bool:

@@ -32,7 +32,7 @@ trials     noise whitening bench record trial experiment heat perturbed projecte
 minimum    guess search start images descent minimise ridge
 effects    number effect clock plate drive sensor drift mode beside blur stretch registry
 verdict    result finding identify low_pass wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
-           sensor_delay differing term firstorder timing between throughout terms linear averaged misfit amplitude_offset
+           sensor_delay differing term firstorder timing between throughout terms linear lines averaged misfit amplitude_offset
            inconsistent_log conjugate_phase remains conclusion ownership decay bench comparison
 reading
 adoption   description candidates point profile search adopt

@@ -97,7 +97,7 @@ SLOPE = Effect(
 )
 
 
-def _turning(trial: Trial, turns: float) -> np.ndarray:
+def turning(trial: Trial, turns: float) -> np.ndarray:
     """(n, d) of unit size: what turns so many times in a log, either way; cosine and sine of a real log."""
     at = 2j * np.pi * turns * (trial.log.time - trial.log.time[0]) / lasted(trial)
     forth, back = np.exp(at), np.exp(-at)
@@ -111,14 +111,14 @@ def _tones(trial: Trial, about: About) -> np.ndarray:
     left = left if trial.channels > 1 else left.real
     for rate in oscillating(trial.log.time, left):
         turns = rate * lasted(trial) / (2 * np.pi)
-        shapes = _turning(trial, turns)
+        shapes = turning(trial, turns)
         rows, target = (np.concatenate([x.real, x.imag]) for x in (shapes, left))
         found.append(np.append(turns, np.linalg.lstsq(rows, target, rcond=None)[0]))
     return np.array(found).reshape(len(found), 1 + 2 * trial.channels)
 
 
 def _toned(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    more = about.top * _turning(trial, float(values[0])) @ values[1:].astype(complex)
+    more = about.top * turning(trial, float(values[0])) @ values[1:].astype(complex)
     return trial.with_bench(alongside=trial.bench.moves + more)
 
 
@@ -151,6 +151,7 @@ TONE = Effect(
     numbers=_tone_numbers,
     said=_tone_said,
     linear=(1, 2, 3, 4),
+    many=True,
     vague=lambda trial, values: bool(values[0] < MANY),
     places=nowhere,
     makes_sense=lambda trial, fitted: fitted.values[0] > ROUND and fitted.seen(*range(1, len(fitted.values))),

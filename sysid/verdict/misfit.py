@@ -28,6 +28,7 @@ from sysid.verdict.firstorder import hidden
 from sysid.verdict.gain_confounding import cancelling
 from sysid.verdict.linear import ENOUGH, MOVES, Found, Linear
 from sysid.verdict.linearised import LinearisedLog
+from sysid.verdict.lines import line
 from sysid.verdict.term import Term, together
 from sysid.verdict.terms import RUNNING, terms
 from sysid.verdict.timing import ASTRAY, LATE, at_changes
@@ -97,6 +98,7 @@ def misfits(state: State, reference: tuple[float, float], free: Sequence[str], a
         ]
     found += [late for i, v in enumerate(views) if (late := _very_late(i, v, fit)) is not None]
     found += [astray for i, v in enumerate(views) if (astray := _outlying(i, v)) is not None]
+    found += [tone for i, v in enumerate(views) if (tone := line(i, v, fit)) is not None]
     doubts = [
         said
         for i, v in enumerate(views)
