@@ -55,3 +55,48 @@ def test_noise_of_each_rows_own_adds_about_its_covariance(seeds):
         added = remains(state, found.reference, found.names)
         ratios.append([added[k, k] / state.covariance[k, k] for k in range(3)])
     assert 0.5 < np.mean(ratios) < 3.0
+
+
+def sweep(seed, warm=0.0, gain=1.0):
+    """A settled sweep at so many degrees above 24 degC."""
+    rng, f = np.random.default_rng(seed), F0 + GRID
+    w = 100 * G * gain / (1 + 2j * np.pi * TAU * (f - F0 + 10 * warm))
+    w = w + NOISE * 100 * G * (rng.standard_normal(len(f)) + 1j * rng.standard_normal(len(f)))
+    return sysid.Log.from_arrays(w, name=f"{24 + warm:g}", frequency=f, drive=100.0, temperature=24.0 + warm)
+
+
+@seeds(1, 12)
+def test_a_log_that_does_not_answer_its_drive_is_told_as_that(seeds):
+    """A resonance of its own was found in its noise, 600 Hz away, and none of G, tau and f0 was told."""
+    for seed in seeds:
+        rng, time = np.random.default_rng(seed), 1e-4 * np.arange(220)
+        noise = NOISE * 100 * G * (rng.standard_normal(220) + 1j * rng.standard_normal(220))
+        drive = np.where(time > 2e-3, 100.0, 0.0)
+        dead = sysid.Log.from_arrays(
+            noise, name="dead", time=time, drive=drive, frequency=np.full(220, F0), temperature=24.0
+        )
+        found = fit([sweep(seed), dead])
+        (odd,) = found.findings
+        assert (odd.key, odd.outcome, odd.logs) == (
+            "odd",
+            "refused",
+            ("dead",),
+        ) and "do not answer its drive" in odd.sentence
+        for name, true in (("G", G), ("tau", TAU), ("f0", F0)):
+            told = found.parameters[name]
+            assert told.determined and abs(told.value - true) < 4 * told.std
+
+
+@seeds(1, 8)
+def test_what_all_logs_have_in_common_is_told_once(seeds):
+    """A sensor whose gain falls with the temperature: each of five logs was "no known effect explains it" above the
+    sentence that does."""
+    for seed in seeds:
+        found = fit(
+            [
+                sweep(10 * seed + k, warm, 1 - 0.006 * warm)
+                for k, warm in enumerate((-10.0, -5.0, 0.0, 5.0, 10.0))
+            ]
+        )
+        refused = [f for f in found.findings if f.outcome == "refused"]
+        assert [f.key for f in refused] == ["temperature"] and not found.usable

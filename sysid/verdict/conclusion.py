@@ -184,7 +184,7 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
         return Judged(wrong, doubts, found, looked=looked)
     alike = likely and likely[0].log is None  # what is in all logs contradicts none
     if wrong and not alike and (odd := odd_ones(question.minimiser, question.trials, best)):
-        return Judged([odd[0]], [], found, True, odd[1], looked)
+        return Judged([odd[0]], [], found, bool(np.any(odd[1])), odd[1], looked)
     described = not (
         wrong or any(f.certain for f in found) or any(slow(best, i) for i in range(len(best.trials)))
     )
@@ -268,8 +268,9 @@ def _described(state: State, found: Sequence[Found], fingered: bool) -> tuple[li
         left = None if known else left_of(state, i, not harmful and i in shown)
         if left is not None and left.noise:
             doubts.append(Finding("noise", "noted", f"{name[0]}: {left.said}", name))
-        elif left is not None and i in named:
-            wrong.append(_told(named[i], state, "refused", named[i].sentence))
+        elif left is not None and (cause := named.get(i, named.get(None))):
+            told = _told(cause, state, "refused", cause.sentence)
+            wrong += [] if told in wrong else [told]  # what is in all logs is told once
         elif left is not None:
             wrong.append(
                 Finding("unexplained", "refused", f"{name[0]}: {left.said}", name, mostly=left.mostly)

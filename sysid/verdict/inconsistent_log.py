@@ -14,9 +14,11 @@ import numpy as np
 from sysid.minimum.minimise import ESTIMATED, Minimiser, State
 from sysid.model.theta import NAMES, carried
 from sysid.rows.thermometer import was_read
+from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 from sysid.verdict.between import OFF, elsewhere, finger, own, times, warmer
 from sysid.verdict.finding import Finding
+from sysid.verdict.identify import buried
 from sysid.verdict.linear import PROMISES
 from sysid.verdict.misfit import described, misfits
 from sysid.verdict.recorder import clipped, touched
@@ -25,6 +27,13 @@ APART = 5.0  # standard deviations by which logs have to contradict the others: 
 SAME = 6.0  # of chi^2: odds of twenty to one
 UNKNOWN = 1e150  # standard deviations of what a log says nothing of, whose weight is still a number
 DIFFER = ("G", "tau", "f0")  # of which G and tau as logarithms
+
+
+SHOWS = 4.0  # times a log's noise, as a response that would be seen
+DEAD = (
+    "{}: its rows are noise, and do not answer its drive as the other logs do; see whether the drive and the"
+    " sensor were on, or leave it out"
+)
 
 
 class Told(NamedTuple):
@@ -74,13 +83,27 @@ def odd_ones(
 ) -> tuple[Finding, np.ndarray] | None:
     """The logs, the fewest, that contradict the others, where they and the others are each described well,
     or next to nothing is left beside what they differ by; all, where each is described by itself; else None.
-    With what they add to the covariance (6, 6) of theta: one plate is no better known than they agree."""
+    With what they add to the covariance (6, 6) of theta: one plate is no better known than they agree, and
+    what does not answer adds nothing."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
+    if dead := _dead(minimiser, trials, together):
+        return _found([trials[k] for k in dead], DEAD), np.zeros((len(NAMES), len(NAMES)))
     each = [_alone(minimiser, (t,), together) for t in trials]
     told = _told(minimiser, trials, each, together)
     found = _odd(minimiser, trials, together, each, told)
     return None if found is None else (found, _dispersion(told))
+
+
+def _dead(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> list[int]:
+    """Logs whose rows are noise, and in which the plate of the others would show at their drive."""
+    noise = [k for k, t in enumerate(trials) if t.driven and buried((t,))]
+    others = tuple(t for k, t in enumerate(trials) if k not in noise)
+    if not (noise and others):
+        return []
+    theta = _alone(minimiser, others, together).theta
+    asked = {k: LogResponse.of(trials[k], minimiser.reference, theta).forced for k in noise}
+    return [k for k in noise if np.ptp(np.abs(asked[k])) > SHOWS * np.std(trials[k].log.response)]
 
 
 def _odd(
