@@ -38,6 +38,7 @@ from sysid.verdict.conclusion import BETWEEN
 from sysid.verdict.inconsistent_log import DIFFER, apart, warmth
 from sysid.verdict.linear import Found
 from sysid.verdict.misfit import Misfits, misfits
+from sysid.verdict.remains import remains
 from sysid.verdict.unexplained import left_of, left_share, slow
 
 SURE = 3.0  # log evidence: odds of twenty to one
@@ -131,7 +132,7 @@ class _Adoption:
             cause = not wrong or (self.cause(best) and not elsewhere)
             if before is None and ahead > -NEARLY and cause and not _mistaken(best, left.found):
                 way = way._replace(named=best, described=not wrong)
-            if not best.explains(self.before, 1 - TAKEN):
+            if best.takes(self.before) < TAKEN:
                 break
             before = best
             more = [x for x in each if x not in before.instances or x.effect.many]
@@ -149,10 +150,23 @@ class _Adoption:
             return Outcome(best)
         told = (d for d in (way.named, way.last) if d is not None and self.ahead(d) > 0)
         likely = [d for d in told if d.explains(self.before)]
-        lasting = (_spanning(d, likely[-1]) for d in likely if not (d.rough or d.event or _entangled(d)))
-        surely = bool(likely) and likely[0] is way.named
-        refuted, unsure = self.refuted(way.named), self.unsure()
-        return Outcome(next(lasting, None), False, way.named, refuted, surely, way.described, unsure)
+        lasting = (self.spanning(d, likely[-1]) for d in likely if not (d.rough or d.event or _entangled(d)))
+        named = next((d for d in (way.named, *likely) if d is not None), None)
+        surely = bool(likely) and likely[0] is named
+        refuted, unsure = self.refuted(named), self.unsure()
+        return Outcome(next(lasting, None), False, named, refuted, surely, way.described, unsure)
+
+    def spanning(self, named: Description, last: Description) -> Description:
+        """A description whose errors span what it leaves: as its like along the logs does, as far as the
+        `last` one moves theta from there, and as if it were all a change of G, of tau or of f0, which changes
+        the response at resonance by as much."""
+        away, minimiser = last.state.theta - named.state.theta, self.search.points.minimiser
+        left = max(left_share(named.state, i) for i in named.where)
+        each = left * np.array([1.0, 1.0, named.state.half_bandwidth, 0.0, 0.0, 0.0])
+        left_over = remains(named.state, minimiser.reference, minimiser.free)
+        return named._replace(
+            dispersion=named.dispersion + np.outer(away, away) + np.diag(each**2) + left_over
+        )
 
     def ends(self, before: Description | None, some: Sequence[Group]) -> list[Description]:
         """Where one more effect leads, searched for once."""
@@ -348,15 +362,6 @@ def _most_evidence(found: Found) -> float:
 
 def _most(worth: float, freedom: int) -> float:
     return worth - 0.5 * freedom * float(np.log(max(2 * worth / freedom, 1.0)))
-
-
-def _spanning(named: Description, last: Description) -> Description:
-    """A description whose errors span what it leaves: as far as the `last` one moves theta from there, and as
-    if it were all a change of G, of tau or of f0, which changes the response at resonance by as much."""
-    away = last.state.theta - named.state.theta
-    left = max(left_share(named.state, i) for i in named.where)
-    each = left * np.array([1.0, 1.0, named.state.half_bandwidth, 0.0, 0.0, 0.0])
-    return named._replace(dispersion=named.dispersion + np.outer(away, away) + np.diag(each**2))
 
 
 def _between(

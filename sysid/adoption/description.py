@@ -87,6 +87,16 @@ class Description(NamedTuple):
                 return False
         return True
 
+    def takes(self, before: State) -> float:
+        """The share that it takes of what the plant alone leaves of its logs together, each in its noise."""
+        left, was = 0.0, 0.0
+        for i in self.where:
+            alone = before.trials[i], before.models[i]
+            own = self.state.trials[i], self.state.models[i]
+            left += shared(*own)[0] / alone[0].noise.std ** 2
+            was += shared(*alone)[0] / alone[0].noise.std ** 2
+        return 1 - left / was if was > 0 else 1.0
+
     def most(self, before: State) -> bool:
         """Whether it takes most of what the plant alone leaves, and no other effect does."""
         return self.rival < RIVAL * self.evidence and self.explains(before, MUCH)

@@ -273,6 +273,12 @@ def sweep_or_moving(trial: Trial) -> bool:
     return sweep(trial) or moving(trial)
 
 
+def resonating(trial: Trial) -> bool:
+    """The same, or d and q of a decay at a recorded frequency."""
+    decays = not (trial.steady or trial.driven) and trial.signed and trial.resonant
+    return sweep_or_moving(trial) or (decays and trial.log.theta is None and len(trial.log) >= LEAST_ROWS)
+
+
 def moving(trial: Trial) -> bool:
     """d and q of a transient at a recorded frequency, whose inputs change."""
     moved = not trial.steady and trial.resonant and trial.signed and trial.driven and trial.changes > 0

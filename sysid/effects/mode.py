@@ -16,7 +16,7 @@ from sysid.effects.effect import (
     beside,
     moving,
     nowhere,
-    sweep_or_moving,
+    resonating,
 )
 from sysid.effects.number import Number, number, pm
 from sysid.model.theta import NAMES, Theta
@@ -69,17 +69,6 @@ def _unseen(place: float, width: float, about: About) -> float:
     at = Theta.of(about.theta).f0 + place * about.half_bandwidth
     outside = max(about.driven[0] - at, 0.0, at - about.driven[1])
     return float(np.hypot(1.0, outside / about.half_bandwidth * np.exp(width)))
-
-
-def _resonates(trial: Trial) -> bool:
-    """A sweep, or d and q of a transient at a recorded frequency, also of a decay."""
-    decays = (
-        not (trial.steady or trial.driven)
-        and trial.signed
-        and trial.resonant
-        and len(trial.log) >= LEAST_ROWS
-    )
-    return sweep_or_moving(trial) or (decays and trial.log.theta is None)
 
 
 BOTH = "; record a sweep across both, which tells them apart"
@@ -217,7 +206,7 @@ def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
 
 SECOND_MODE = Effect(
     name="second_mode",
-    shows=_resonates,
+    shows=resonating,
     stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0, DRIFTS]),
     starts=_second_starts,
     applied=_second_beside,

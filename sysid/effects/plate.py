@@ -17,6 +17,7 @@ from sysid.effects.effect import (
     nowhere,
     oscillating,
     positive,
+    resonating,
     shifted,
     sweep,
     sweep_or_moving,
@@ -65,7 +66,7 @@ def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 DUFFING = Effect(
     name="duffing",
-    shows=sweep_or_moving,
+    shows=resonating,
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
     applied=_softened,
