@@ -7,8 +7,10 @@ import numpy as np
 
 from sysid.effects.effect import (
     LEAST_ROWS,
+    SEEN,
     About,
     Effect,
+    Fitted,
     Told,
     beside,
     in_order,
@@ -28,6 +30,7 @@ from sysid.trials.heat import HEATED, clock, warmed
 from sysid.trials.trial import LEAST_WARMING, Trial
 
 SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep: what shifts by more has left it
+RATES, EVEN = (3.0,), 0.01  # one over the time constant of a drift that levels off, of the log; of none
 LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
 BACK = "a sweep back as well"  # shows what goes with the time
@@ -62,29 +65,61 @@ def _goes_along(trial: Trial) -> bool:
     return bool(np.corrcoef(trial.log.temperature, passed)[0, 1] ** 2 > 1 - BESIDE)
 
 
-def _drifted_said(trial: Trial, found: dict[str, Number]) -> Told:
-    shift = found["shift_Hz"]
-    return Told(
-        f"its resonance drifts by {shift.value:+.3g} ± {pm(shift.std)} Hz from the first row to the last",
-        "f0 may be that of any row; record the temperature of every row, or wait until it is constant",
+def _drift(rates: tuple[float, ...]) -> Effect:
+    """A resonance that goes with the time t of a log or, where it has `rates`, as (1 - e^(-r t))/(1 - e^-r),
+    as of a plate that warms up. Its numbers: how far, where in the log f0 is told, and r."""
+    each: list[list[float]] = [[r] for r in rates] or [[]]
+    shifts = np.concatenate([-SHIFTS[::2], SHIFTS[::2]] if rates else [-SHIFTS, SHIFTS])
+
+    def course(t: np.ndarray, values: np.ndarray) -> np.ndarray:
+        if not rates:
+            return t
+        rate = max(float(values[2]), EVEN)
+        return np.expm1(-rate * t) / np.expm1(-rate)
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        away = course(clock(trial.log), values) - 0.5 - values[1]
+        return shifted(trial, "frequency", -values[0] * about.span * away)
+
+    def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
+        each = {
+            "shift_Hz": number(values[0], stds[0], "Hz", about.span),
+            "at": number(0.5 + values[1], stds[1], "of the log"),
+        }
+        if not rates or trial.log.time is None:
+            return each
+        rate = max(float(values[2]), EVEN)
+        return each | {"time_s": number(1 / rate, float(stds[2]) / rate**2, "s", lasted(trial))}
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        shift, time = found["shift_Hz"], found.get("time_s")
+        as_it_warms = f", as it warms up within {time.value:.2g} ± {pm(time.std)} s" if time else ""
+        return Told(
+            f"its resonance drifts by {shift.value:+.3g} ± {pm(shift.std)} Hz from the first row to the last"
+            f"{as_it_warms}",
+            "f0 may be that of any row; record the temperature of every row, or wait until it is constant",
+        )
+
+    return Effect(
+        name="f0_drift",
+        shows=_drifts,
+        shown_by=lambda trial, about: BACK if not rates and _timed(trial) and _scaled(trial) else "",
+        stds=lambda trial, about: np.array([SHIFTS[-1], 0.5, *rates[-1:]]),
+        starts=lambda trial, about: np.array([[x, 0.0, *r] for r in each for x in shifts]),
+        applied=applied,
+        numbers=numbers,
+        said=said,
+        places=(lambda trial, about: np.array([[0.0, 0.0, r] for r in rates])) if rates else None,
+        makes_sense=_levels_off if rates else None,
     )
 
 
-F0_DRIFT = Effect(
-    name="f0_drift",
-    shows=_drifts,
-    shown_by=lambda trial, about: BACK if _timed(trial) and _scaled(trial) else "",
-    stds=lambda trial, about: np.array([SHIFTS[-1], 0.5]),
-    starts=lambda trial, about: np.array([[x, 0.0] for x in (*-SHIFTS, *SHIFTS)]),
-    applied=lambda trial, values, about: shifted(
-        trial, "frequency", -values[0] * about.span * (clock(trial.log) - 0.5 - values[1])
-    ),
-    numbers=lambda trial, values, stds, about: {
-        "shift_Hz": number(values[0], stds[0], "Hz", about.span),
-        "at": number(0.5 + values[1], stds[1], "of the log"),
-    },
-    said=_drifted_said,
-)
+def _levels_off(trial: Trial, fitted: Fitted) -> bool:
+    """Whether it is seen to; else it goes on."""
+    return bool(fitted.values[2] > SEEN * fitted.stds[2]) and fitted.seen(0)
+
+
+F0_DRIFTS = _drift(()), _drift(RATES)
 
 
 def _heated(trial: Trial, values: np.ndarray, about: About) -> Trial:

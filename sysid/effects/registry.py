@@ -6,7 +6,7 @@ from sysid.effects.beside import FEEDTHROUGH, SLOPE, TONE
 from sysid.effects.blur import BLUR
 from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST, SCATTER
 from sysid.effects.drift import (
-    F0_DRIFT,
+    F0_DRIFTS,
     OFFSET_DRIFTS,
     OWN_RESONANCE,
     PHASE_DRIFT,
@@ -52,7 +52,7 @@ EFFECTS: tuple[Effect, ...] = (
     COMPRESSED,
     DRIVE_OVERSHOOT,
     SCATTER,
-    F0_DRIFT,
+    *F0_DRIFTS,
     SELF_HEATING,
     OWN_RESONANCE,
     SECOND_MODE,
