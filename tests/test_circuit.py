@@ -18,6 +18,7 @@ from sysid.command import outputs
 from sysid.command.sets import described
 from sysid.posterior.circuit import QUANTITIES
 from sysid.report import html, screen, text
+from sysid.tables.scattered import admittance, steepness
 
 
 class Branches(NamedTuple):
@@ -381,6 +382,36 @@ def test_a_table_of_s_parameters_is_read_as_the_touchstone_file_of_the_same_numb
         p, other = circuit(log).parameters, circuit(expected).parameters
         for name in ("loaded_Q", "unloaded_Q", "coupling", "R1", "C0"):
             assert p[name].value == pytest.approx(other[name].value, rel=1e-4), name
+
+
+@pytest.mark.parametrize("place", ["one", "series", "across"])
+def test_the_weights_of_an_admittance_are_how_steeply_it_goes_with_s(place):
+    """By differences of the admittance that is read."""
+    s = 0.9 * np.exp(1j * np.linspace(0.3, 2.8, 50)) * np.linspace(0.2, 1.0, 50)
+    stated = {
+        "reference_ohm": "75",
+        "device": {"one": "one port", "series": "in series", "across": "across the line"}[place],
+    }
+    change = (admittance(s + 1e-6, stated, "") - admittance(s - 1e-6, stated, "")) / 2e-6
+    np.testing.assert_allclose(steepness(s, stated), np.abs(change), rtol=1e-6)
+
+
+@pytest.mark.parametrize("place", ["one", "series"])
+@seeds(3, 40)
+def test_noise_is_even_in_s(tmp_path, place, seeds):
+    """A crystal, whose admittance has 25 times the noise at its peak: as noise that is part constant and part in
+    proportion it had errors of half of what they are."""
+    omega = 2 * np.pi * 1e7
+    of = Branches(R1=25.0, L1=3e4 * 25 / omega, C1=1 / (3e4 * 25 * omega), C0=5e-12, tan_d=0.0)
+    f, pulls = of.sweep(201, 15), []
+    for seed in seeds:
+        s, rng = scattered(of, f, place, 50.0), np.random.default_rng(seed)
+        s = s + 5e-4 * (rng.standard_normal(s.shape) + 1j * rng.standard_normal(s.shape))
+        (log,) = sysid.read_logs(touchstone(tmp_path / f"a.s{1 if place == 'one' else 2}p", f, s, 50.0))
+        told = sysid.fit([log]).parameters
+        for name, true in (("G", 1 / (25 * omega)), ("tau", 2 * of.L1 / 25)):
+            pulls.append((told[name].value - true) / told[name].std)
+    assert np.sqrt(np.mean(np.square(pulls))) < most(pulls)
 
 
 def test_a_preset_and_one_word_read_a_vna_s_table(save):
