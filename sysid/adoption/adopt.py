@@ -76,12 +76,14 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     about = About.of(state, minimiser.reference, away)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
-    adoption = _Adoption(Search(Points(minimiser, state, about)), looked, sum(map(len, here)))
+    search = Search(Points(minimiser, state, about))
+    adoption = _Adoption(search, looked, sum(map(len, here)))
     lasting, anything = here[:-1], here[-1]
     way = adoption.followed([x for x in each if x.effect.hop is None], (*lasting, []))
     if way.adopted is None and anything:
+        adoption.search = search  # with the logs as they were read at first
         other = adoption.followed(each, here)
-        way = other if other.evidence >= way.evidence else way
+        way = max(other, way, key=lambda w: (w.adopted is not None, w.described, w.evidence))
     return adoption.outcome(way)
 
 

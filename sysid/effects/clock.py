@@ -15,6 +15,7 @@ from sysid.effects.effect import (
     Told,
     course,
     in_order,
+    lasted,
     nowhere,
     one_way,
     shifted,
@@ -132,7 +133,8 @@ def _filter(order: int) -> Effect:
     def makes_sense(trial: Trial, fitted: Fitted) -> bool:
         # without a frequency either of two poles may be the plant's, and the slower one is taken for it
         mirrored = not trial.resonant and fitted.values[0] * fitted.before > order * fitted.tau
-        return fitted.positive() and not mirrored
+        # nor is it one of a plant that the log does not last for: such a one is whatever the filter is not
+        return fitted.positive() and not mirrored and fitted.tau < lasted(trial)
 
     return Effect(
         name="filter",
