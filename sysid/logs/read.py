@@ -159,9 +159,7 @@ def log_of(
         frequency, driven = inputs.get("frequency"), (drive, drive_unit)
         _refuse_open(head, plan, frequency)
         fields["response"], fields["response_unit"] = _response(head, plan, arrays, frequency, driven)
-        fields["std"] = errors(head.path, plan, arrays, stated_errors, frequency, driven)
-        if plan.quantity in SCATTERED:
-            fields["std"] = of_scattering(_recorded(head, arrays)[0], plan, frequency, driven)
+        fields["std"] = _errors(head, plan, arrays, stated_errors, frequency, driven)
     for array in fields.values():
         if isinstance(array, np.ndarray):
             array.flags.writeable = False  # it is ours alone, so that the log need not copy it
@@ -336,6 +334,21 @@ def _response(
     if "wd" in arrays:
         return turned(signal, plan), unit
     return lock_in(signal, plan, frequency, unit, head.path, drive)
+
+
+def _errors(
+    head: Head,
+    plan: Plan,
+    arrays: dict[str, tuple[np.ndarray, str]],
+    stated_errors: Mapping[str, tuple[np.ndarray, str]],
+    frequency: np.ndarray | None,
+    drive: tuple[np.ndarray | None, str],
+) -> np.ndarray | None:
+    """(n,) standard errors that are stated, or follow from how the response was measured."""
+    found = errors(head.path, plan, arrays, stated_errors, frequency, drive)
+    if plan.quantity in SCATTERED:
+        return of_scattering(_recorded(head, arrays)[0], plan, frequency, drive)
+    return found
 
 
 def _recorded(head: Head, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray, str]:

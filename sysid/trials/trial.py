@@ -341,16 +341,6 @@ class Trial(Record):
 
     def hold(self, reference: tuple[float, float]) -> Hold:
         """The log's inputs, as offsets from `reference` (Hz, degC)."""
-        if reference not in self._held:
-            self._held[reference] = self._from(reference)
-        return self._held[reference]
-
-    @cached_property
-    def _held(self) -> dict[tuple[float, float], Hold]:
-        """The inputs as they were asked for."""
-        return {}
-
-    def _from(self, reference: tuple[float, float]) -> Hold:
         warming = self.inputs.warming - (reference[1] if self.log.temperature is not None else 0.0)
         offset = np.nan_to_num(reference[0]) + self.inputs.offset
         offset, begun = np.where(np.isnan(offset), 0.0, offset), np.zeros(len(offset))

@@ -79,17 +79,15 @@ def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) 
 
 def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
     """A sentence when nothing can be determined from these logs; else None."""
-    if sum(len(t.whole or t.log) for t in trials) == 1:
-        return "cannot tell, because there is one row; record ten points or more"
-    if all(t.silent for t in trials):
-        return (
-            "cannot tell, because the response is the same in every row; see whether the sensor and what"
-            " reads it were on"
-        )
     if sum(numbers_left(t) for t in trials) - len(free) < SPARE:
         return (
             "cannot tell, because the readings are hardly more than the unknowns, so that their noise cannot"
             " be told; record ten points or more"
+        )
+    if all(t.silent for t in trials):
+        return (
+            "cannot tell, because the response is the same in every row; see whether the sensor and what"
+            " reads it were on"
         )
     return None
 
