@@ -2,7 +2,6 @@
 that something spoils. `fleet.py` writes its tables.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -17,6 +16,7 @@ from sysid.fleet.groups import Group
 from sysid.fleet.lane import rows_of
 from sysid.fleet.plate import row_of
 from sysid.fleet.settings import Settings
+from sysid.precision import one_thread
 
 POINTS, DRIVE, AT, NOISE, LENGTH, REST = np.linspace(31800, 32800, 101), 100.0, 32290.0, 0.02, 0.036, 0.006
 FINE = 24  # steps of the integration between two rows
@@ -222,23 +222,20 @@ def _turns(rows: int, pair: bool, plates: int, repeat: int) -> str:
     return f"| {what} | {shown} | {ratio} |"
 
 
-def _solved(some: Sequence[Group]) -> float:
-    """Seconds that fit and screen take of plates of one layout, without what makes rows of them."""
+@one_thread
+def _solved(some: Sequence[Group]) -> None:
+    """Fit and screen of plates of one layout, without what makes rows of them."""
     from sysid.fleet import lane
     from sysid.fleet.screen import residual, screened
 
     plates = [(group, list(group.logs)) for group in some]
-    key, taken = lane.layout(plates[0][1]), 0.0
-    size = lane.together(plates[0][1])
+    key, size = lane.layout(plates[0][1]), lane.together(plates[0][1])
     for k in range(0, len(plates), size):
-        begun = time.perf_counter()
         with np.errstate(all="ignore"):
             batch = lane.fit_together(plates[k : k + size])
             cells = lane.cells_of(key, plates[0][1])
             lefts = [residual(log, batch.step) for log in batch.logs]
             screened(batch, lefts, cells, plates=len(plates))
-        taken += time.perf_counter() - begun
-    return taken
 
 
 def _lane(some: Sequence[Group], settings: Settings) -> list[dict]:

@@ -174,11 +174,12 @@ def test_an_effect_that_logs_would_not_show_counts_once_it_is_worth_more_than_ch
         for number in (long, -long):
             numbers = np.zeros((1, len(usual) * places))
             numbers[0, 0] = number
-            if not x.sensible(x.mean(numbers[0, : len(usual)])):
+            if not x.sensible(x.scored.values @ x.mean(numbers[0, : len(usual)])):
                 continue
             seen, odds = np.array([[True], [False], [False]]), np.expm1(log_b) / places
-            assert not together.likely(numbers, np.ones_like(numbers)).any()
-            share = together.likely(numbers, np.ones_like(numbers), seen=seen)
+            of_all = np.tile(usual, places)[None], np.tile(x.scored.values.T, (places, 1))[None]
+            assert not together.likely(numbers, *of_all).any()
+            share = together.likely(numbers, *of_all, seen=seen)
             assert share[:, 0] == pytest.approx([odds / (1 + odds), 0, 0])
             told += 1
     assert told > 2

@@ -11,7 +11,7 @@ from conftest import most, seeds, study, tiers
 
 import sysid
 from sysid.effects.effect import About
-from sysid.fleet import arrays, lane, nodes
+from sysid.fleet import arrays, lane
 from sysid.fleet.groups import Group
 from sysid.fleet.lane import cells_of, fit_together, layout, rows_of
 from sysid.fleet.near import matched, near_at
@@ -19,7 +19,6 @@ from sysid.fleet.nodes import AXES
 from sysid.fleet.plate import row_of
 from sysid.fleet.screen import surely
 from sysid.fleet.settings import Settings
-from sysid.fleet.template import Placed
 from sysid.model.theta import NAMES
 from sysid.verdict.linear import Linear
 from sysid.verdict.linearised import LinearisedLog
@@ -464,11 +463,11 @@ def test_the_tests_of_a_cell_are_those_of_plates_away_from_its_middle():
     corner = key[:AXES] + 0.4 * np.sign(place - key[:AXES])
     tight, sizes, gain = bool(key[-1]), [0.02], 1 / abs(cells.blocks[-1].drive[0])
     at = lambda where: near_at(logs, cells.blocks, *cells.place(where, gain, sizes, tight), sizes)[0]  # noqa: E731
-    middle, theirs = cells.template(key), at(corner)
+    middle, theirs = cells.cell(key), at(corner)
     left = np.random.default_rng(1).standard_normal((40, len(middle.tests.basis)))
     fitted = np.concatenate([np.concatenate([v.jacobian[:, :3], v.basis], axis=1) for v in theirs.views])
     left -= left @ np.linalg.pinv(fitted).T @ fitted.T  # as a residual is, of a fit to its own log
-    terms = matched(middle.terms, theirs)
+    terms = matched(middle.template.terms, theirs)
     known = [k for k, term in enumerate(terms) if term is not None]
     scored = {x.term: x.scored for x in theirs.tried}
     size = lambda numbers: np.linalg.norm(numbers, axis=1)  # noqa: E731
@@ -476,10 +475,9 @@ def test_the_tests_of_a_cell_are_those_of_plates_away_from_its_middle():
     every = np.arange(len(left))
 
     def by_cell(away):
-        share = nodes.shares(np.tile(away, (len(left), 1)), middle.narrowed)
-        at = Placed(share, middle.sizes(share), *np.ones((3, len(left), 3)))
-        numbers = middle.numbers(left, every, at)
-        return [size(middle._own(numbers, k)) for k in known]
+        share = middle.share(np.tile(away, (len(left), 1)))
+        numbers = middle.placed(left, every, share, *np.ones((3, len(left), 3))).numbers
+        return [size(numbers[:, middle.template.own(k)]) for k in known]
 
     moved, still = (np.abs(np.array(by_cell(away)) - own) for away in (corner - key[:AXES], np.zeros(AXES)))
     assert np.median(moved) < 0.05 and np.median(moved) < 0.25 * np.median(still)
@@ -491,15 +489,15 @@ def test_a_warning_says_how_rare_it_is_by_chance():
     logs = made("sweep", 3)
     cells = cells_of(layout(logs), logs)
     batch = fit_together([(Group("one", logs), logs)])
-    template = cells.template(cells.keys(batch)[0])
-    share = nodes.shares(np.zeros((1, AXES)), template.narrowed)
-    at = Placed(share, template.sizes(share), *np.ones((3, 1, 3)))
+    cell = cells.cell(cells.keys(batch)[0])
+    template, share = cell.template, cell.share(np.zeros((1, AXES)))
+    at = cell.placed(np.zeros((1, len(cell.tests.basis))), np.arange(1), share, *np.ones((3, 1, 3)))
     k = next(k for k, x in enumerate(template.tried) if x.term.name == "duffing")
 
     def warned(more, plates):
-        numbers = np.zeros((1, len(template.tests.values)))
+        numbers = np.zeros_like(at.numbers)
         numbers[0, template.begins[k]] = np.sqrt(2 * (template.tried[k].chance + more))
-        return template.doubt(template.found(numbers, at, plates)[0])
+        return template.doubt(template.found(at._replace(numbers=numbers), plates)[0])
 
     for plates in (1, 4096):
         assert "in one good fit of a hundred; " in warned(4.0, plates).sentence

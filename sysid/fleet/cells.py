@@ -1,18 +1,26 @@
-"""Cells of plates of one layout that are nearly alike, and the tests of each."""
+"""Cells of plates of one layout that are nearly alike, and the tests of each.
+
+A plate's own test is a polynomial of its place through those of the cell's nodes: its rows w, by whose size
+the numbers w^T r/|w| have unit variance, and what they move. What is usual is that of the cell in its own
+noise.
+"""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
+from sysid.fleet import nodes
+from sysid.fleet.arrays import Rows, on_rows, padding, there
 from sysid.fleet.batch import Batch
 from sysid.fleet.closed import Block
-from sysid.fleet.near import Near, near_at
-from sysid.fleet.nodes import AXES, places, turned
+from sysid.fleet.near import Near, near_at, products_of, size_of
+from sysid.fleet.nodes import AXES
 from sysid.fleet.plate import digest
 from sysid.fleet.template import Template
-from sysid.fleet.tests import Tests
+from sysid.fleet.tests import Placed, Tests
 from sysid.kept import arrays
 from sysid.logs.log import Log
 
@@ -27,14 +35,71 @@ BLOCK = (
 KEPT = 40  # nodes that are not linearised anew: those of a cell and of the four beside it, which share edges
 
 
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The `tests` of a cell, which are those of a `template`; `narrowed`: its priors are."""
+
+    template: Template
+    tests: Tests = field(repr=False)
+    narrowed: bool
+
+    def share(self, away: np.ndarray) -> np.ndarray:
+        """(P, N) what each node counts for plates that are `away` (P, AXES) from the middle."""
+        return nodes.shares(away, self.narrowed)
+
+    def placed(
+        self,
+        rows: Rows,
+        which: np.ndarray,
+        share: np.ndarray,
+        phases: np.ndarray,
+        power: np.ndarray,
+        wider: np.ndarray,
+    ) -> Placed:
+        """Of these plates (p,) of all, by the residuals (P, R) of all in the plate's frame, with those of the
+        priors; for which the nodes have a `share` (p, N); `power` (p, logs) of the noise, over that of the
+        cell."""
+        size, each = self.sizes(share), power[:, self.template.logs]
+        values = self.tests.values * (np.sqrt(each) / size)[:, :, None]
+        moves = np.tensordot(share, self.tests.moves, 1) / size[:, None]
+        larger = np.exp(share @ self._larger)
+        usual = self.tests.usual * size**2 * larger / each
+        numbers = self.numbers(rows, which, share) / size
+        return Placed(numbers, values, moves, usual, phases, np.sqrt(power[:, 0]), wider)
+
+    def sizes(self, share: np.ndarray) -> np.ndarray:
+        """(P, q) of the rows of all tests of plates with such shares."""
+        return size_of(self._products, share)
+
+    def numbers(self, rows: Rows, which: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """(p, q) products of the rows of these plates with those of the tests there."""
+        more = padding(len(which))
+        some = np.pad(which, (0, more), mode="edge") if more else which
+        found = np.asarray(_products(rows, some, *self._weights))[: len(which)]
+        return (share[:, None] @ found.reshape(len(found), *self.tests.weights.shape[1:]))[:, 0]
+
+    @cached_property
+    def _weights(self) -> tuple[Rows, Rows]:
+        weights = self.tests.weights.astype(float)
+        return there(self.tests.basis.astype(float)), there(weights.reshape(len(weights), -1))
+
+    @cached_property
+    def _products(self) -> np.ndarray:
+        return products_of(self.tests.weights.astype(float))
+
+    @cached_property
+    def _larger(self) -> np.ndarray:
+        return np.repeat(self.tests.larger, self.template.sizes, axis=1)
+
+
 class Cells:
-    """The templates of one layout, made as they are needed: of the inputs of `logs`, whose `blocks` are of
-    one plate."""
+    """The cells of one layout, and their templates, made as they are needed: of the inputs of `logs`, whose
+    `blocks` are of one plate."""
 
     def __init__(self, logs: Sequence[Log], blocks: Sequence[Block]):
         self.logs, self.blocks = logs, blocks
-        self.made: dict[tuple, Template | str] = {}
-        self.terms: dict[tuple, tuple[Near | None, str]] = {}
+        self.made: dict[tuple, Cell | str] = {}
+        self.templates: dict[tuple, Template | str] = {}
         self.said: dict[str, str] = {}
         self._near_at = lru_cache(KEPT)(
             lambda theta, narrow, levels: near_at(logs, blocks, np.array(theta), narrow, levels)
@@ -44,7 +109,7 @@ class Cells:
         """Why a parameter that is not free is not determined, at that temperature (degC)."""
         key = "" if at is None else f"{at:.1f}"  # as the sentence has it
         if key not in self.said:
-            template = next(t for t in self.made.values() if not isinstance(t, str))
+            template = next(t for t in self.templates.values() if not isinstance(t, str))
             self.said[key] = template.why(name, at)
         return self.said[key]
 
@@ -70,27 +135,32 @@ class Cells:
         """(P, logs) of each plate's noise, over that of its cell."""
         return (_levels(batch) / _of_cells(keys)) ** 2
 
-    def template(self, key: np.ndarray) -> Template | str:
-        """Of one cell; why the batch does not cover it."""
+    def cell(self, key: np.ndarray) -> Cell | str:
+        """One of them; why the batch does not cover it."""
         if (known := self.made.get(tuple(key))) is None:
             known = self.made[tuple(key)] = self._made(key)
         return known
 
-    def _made(self, key: np.ndarray) -> Template | str:
-        """That of one cell, by its tests on disk, if they are there."""
-        middle = np.concatenate([BLOCK * ((key[:AXES] + BLOCK // 2) // BLOCK), key[AXES:]])
-        if (terms := self.terms.get(tuple(middle))) is None:
-            terms = self.terms[tuple(middle)] = self._near(middle)
-        near, why = terms
-        if near is None:
-            return why
+    def _made(self, key: np.ndarray) -> Cell | str:
+        """That of this key, by its tests on disk, if they are there."""
+        template = self._template(key)
+        if isinstance(template, str):
+            return template
 
         def tests() -> Mapping[str, np.ndarray]:
-            nodes = places(bool(key[-1])) * turned(key)
-            return Tests.of(near, [self._near(key, place) for place in nodes])._asdict()
+            each = nodes.places(bool(key[-1])) * nodes.turned(key)
+            return Tests.of(template.terms, [self._near(key, place) for place in each])._asdict()
 
         kept = arrays("tests", f"{self.inputs} {key.tolist()}", tests)
-        return Template(near, Tests(**kept), bool(key[-1]))
+        return Cell(template, Tests(**kept), bool(key[-1]))
+
+    def _template(self, key: np.ndarray) -> Template | str:
+        """That of a cell and of those beside it; why the batch does not cover them."""
+        middle = np.concatenate([BLOCK * ((key[:AXES] + BLOCK // 2) // BLOCK), key[AXES:]])
+        if (known := self.templates.get(tuple(middle))) is None:
+            near, why = self._near(middle)
+            known = self.templates[tuple(middle)] = why if near is None else Template(near)
+        return known
 
     def _near(self, key: np.ndarray, away: np.ndarray | float = 0.0) -> tuple[Near | None, str]:
         """What is tried `away` (AXES,) from the middle of a cell; why plates there are not for the batch."""
@@ -129,3 +199,8 @@ def _of_cells(keys: np.ndarray) -> np.ndarray:
     """(P, logs) the same in the middle of cells."""
     first = WIDTHS[-2] ** keys[:, AXES : AXES + 1]
     return np.concatenate([first, first * WIDTHS[-1] ** keys[:, AXES + 1 : -1]], axis=1)
+
+
+@on_rows()
+def _products(xp: Any, rows: Rows, which: np.ndarray, basis: Rows, weights: Rows) -> Rows:
+    return rows[which] @ basis @ weights

@@ -3,7 +3,7 @@ that is simulated there, nearly without noise."""
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -37,18 +37,13 @@ CHANNELS = {effect.name for effect in SATURATIONS}  # of which each may be off b
 @dataclass(frozen=True, eq=False)
 class Trying:
     """One term with its test: by `chance` it is worth as much, if it may show at all; `phase` (log, place)
-    if only in logs whose rotation is near that; `allowed` where errors span it. At the N nodes of a cell:
-    what its numbers move, `moves` (N, 3, r); how much larger what is usual is, in log variance, `larger`
-    (N,); and the `products_of` its rows there, (r, T)."""
+    if only in logs whose rotation is near that; `allowed` where errors span it."""
 
     term: Term
     scored: Scored
     chance: float
     phase: tuple[int, int] | None = None
     allowed: Allowed | None = None
-    moves: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
-    larger: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
-    products: np.ndarray = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
     def kind(self) -> Kind:
@@ -61,19 +56,10 @@ class Trying:
         return *self.kind, self.phase, parts, None if source is None else (source[0].name, source[1])
 
     def light(self) -> "Trying":
-        """Without the arrays over the rows, which the template has side by side."""
+        """Without the arrays over the rows, which cells have side by side."""
         term = replace(self.term, shapes=dict.fromkeys(self.term.shapes, np.zeros(0)))
         allowed = Allowed(term, self.scored) if spanned(term) and self.chance < np.inf else None
         return replace(self, term=term, allowed=allowed)
-
-    def at(self, share: np.ndarray, power: np.ndarray) -> Scored:
-        """The test of a plate for which the nodes count so much (N,), and whose noise has so many times the
-        `power` (logs,) of the cell's."""
-        size, scored = 1 / size_of(self.products, share[None])[0], self.scored
-        moves = np.tensordot(share, self.moves, 1) * size
-        loud = power[self.term.log or 0]
-        usual = scored.usual / size**2 * np.exp(share @ self.larger) / loud
-        return scored._replace(values=scored.values * size * np.sqrt(loud), moves=moves, usual=usual)
 
 
 class Near(NamedTuple):

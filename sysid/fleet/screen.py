@@ -22,7 +22,8 @@ from sysid.fleet.delayed import shares
 from sysid.fleet.near import FREE, PHASES
 from sysid.fleet.nodes import AXES
 from sysid.fleet.plate import NOISES
-from sysid.fleet.template import Placed, Template
+from sysid.fleet.template import Template
+from sysid.fleet.tests import Placed
 from sysid.rows.rounding import DIGITS, REPEATED
 from sysid.trials.noise import ODD, WORTH, apart, estimate, proportional, scatter_of_stamps, tails
 from sysid.trials.residuals import BEGINS
@@ -162,19 +163,16 @@ class Screened(NamedTuple):
         none: list[list[Assumed]] = [[] for _ in range(count)]
         return cls(np.full(count, "", object), np.zeros_like(batch.covariance), said, doubts, none)
 
-    def look(
-        self, template: Template, rows: Rows, here: np.ndarray, at: Placed, std: np.ndarray, plates: int
-    ) -> None:
-        """At these plates (p,) of all (P,), which are `at` their place in a cell, with the tests of its
-        template; `rows` (P, R) and the errors `std` (P, 3) are of all."""
-        numbers = template.numbers(rows, here, at)
-        for p, found in zip(here.tolist(), template.found(numbers, at, plates), strict=True):
+    def look(self, template: Template, here: np.ndarray, at: Placed, std: np.ndarray, plates: int) -> None:
+        """At these plates (p,) of all (P,), with the tests of a template as they are `at` their places; the
+        errors `std` (P, 3) are of all."""
+        for p, found in zip(here.tolist(), template.found(at, plates), strict=True):
             self.doubts[p] = template.doubt(found) if found else None
             if found and self.doubts[p] is None and not self.why[p]:
                 self.why[p] = found[-1].name
         quiet = self.why[here] == ""
         here, at = here[quiet], at.of(quiet)
-        self.spans[here], told = template.averaged(numbers[quiet], at)
+        self.spans[here], told = template.averaged(at)
         for p, finding, assumed in zip(here.tolist(), told, template.assumed(at, std[here]), strict=True):
             self.said[p], self.assumed[p] = finding, assumed
 
@@ -239,27 +237,30 @@ def _by_template(
     """By the single fit's own terms, of one of so many `plates`."""
     places, keys, rows = cells.places(batch), cells.keys(batch), None
     away, powers = (places - keys[:, :AXES]), cells.powers(batch, keys)
-    found = Screened.nothing(batch)
+    found, placed = Screened.nothing(batch), dict[Template, tuple[list[np.ndarray], list[Placed]]]()
     std = np.sqrt(np.einsum("pii->pi", batch.covariance))
     late = [lateness(batch, k) for k, x in enumerate(batch.logs) if not x.block.swept]
     every = np.unique(keys, axis=0)
     # processes that begin at once go through new cells from either end, and make few of them twice
     for key in every if os.getpid() % 2 else every[::-1]:
-        here, template = np.flatnonzero(np.all(keys == key, axis=1)), cells.template(key)
-        if isinstance(template, str):
-            found.why[here] = template
+        here, cell = np.flatnonzero(np.all(keys == key, axis=1)), cells.cell(key)
+        if isinstance(cell, str):
+            found.why[here] = cell
             continue
         if rows is None:
-            each = [_rows(batch, k, left, template.names[k]) for k, left in enumerate(lefts)]
+            each = [_rows(batch, k, left, cell.template.names[k]) for k, left in enumerate(lefts)]
             rows = there(np.concatenate(each, axis=1))
-        share = nodes.shares(away[here] * nodes.turned(key), template.narrowed)
-        found.why[here] = template.tests.refused[np.argmax(share, axis=1)]  # at the nearest node
-        second = np.max(np.abs(np.tensordot(share, template.tests.second, 1)), axis=(1, 2))
+        share = cell.share(away[here] * nodes.turned(key))
+        found.why[here] = cell.tests.refused[np.argmax(share, axis=1)]  # at the nearest node
+        second = np.max(np.abs(np.tensordot(share, cell.tests.second, 1)), axis=(1, 2))
         for seconds, error in late:  # `misfit._very_late`
             seen = 0.5 * (seconds[here] / error[here]) ** 2 >= ENOUGH
             found.why[here[seen & (second * seconds[here] ** 2 > MOVES)]] = "late"
-        at = Placed(share, template.sizes(share), phases[here], powers[here], wider[here])
-        found.look(template, rows, here, at, std, plates)
+        which, parts = placed.setdefault(cell.template, ([], []))
+        which.append(here)
+        parts.append(cell.placed(rows, here, share, phases[here], powers[here], wider[here]))
+    for template, (which, parts) in placed.items():
+        found.look(template, np.concatenate(which), Placed.together(parts), std, plates)
     return found
 
 

@@ -1,5 +1,5 @@
 """The tests of a cell at its nodes, as arrays that can be kept: the single fit's own terms, linearised
-there."""
+there; and those of plates between the nodes."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.fleet.near import Near, matched
+from sysid.verdict.averaged import side_by_side
 from sysid.verdict.firstorder import Place
 from sysid.verdict.linear import Linear, Scored
 from sysid.verdict.term import Term
@@ -43,11 +44,10 @@ class Tests(NamedTuple):
         ]
         rows, moves, larger = ([[test[part] for test in tests] for tests in found] for part in range(3))
         values = [_in_units(x.term, k) for x, k in zip(terms.tried, known, strict=True)]
-        most = max(len(v) for v in values)
         weights = np.stack([np.concatenate(each, axis=1) for each in rows], axis=1)
         basis, parts = (x.astype(np.float32) for x in _compressed(weights))
         return cls(
-            np.concatenate([np.pad(v, ((0, most - len(v)), (0, 0))).T for v in values]),
+            side_by_side(values),
             np.concatenate([k.scored.usual for k in known]),
             basis,
             parts,
@@ -56,6 +56,31 @@ class Tests(NamedTuple):
             np.array([_second(near or first) for near, _ in nodes]),
             np.array([why for _, why in nodes]),
         )
+
+
+class Placed(NamedTuple):
+    """Of plates all tests of one template, q numbers side by side: what the plates' logs hold, `numbers` (P,
+    q); the coefficients of each number, `values` (P, q, M), what it moves of G, tau and f0, in errors,
+    `moves` (P, 3, q), and the variance of what is `usual` (P, q). In which PHASES of a quarter turn each
+    rotation is, `phases` (P, logs); the noise of the first log over that of the template, `loud` (P,); by how
+    much `wider` (P, 3) errors are than those of the fit, as harm is measured."""
+
+    numbers: np.ndarray
+    values: np.ndarray
+    moves: np.ndarray
+    usual: np.ndarray
+    phases: np.ndarray
+    loud: np.ndarray
+    wider: np.ndarray
+
+    def of(self, which: np.ndarray) -> "Placed":
+        """Some of them."""
+        return Placed(*(each[which] for each in self))
+
+    @classmethod
+    def together(cls, parts: Sequence["Placed"]) -> "Placed":
+        """One after another."""
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 class _Known(NamedTuple):

@@ -88,10 +88,6 @@ class Allowed(NamedTuple):
     term: Term
     scored: Scored
 
-    def louder(self, power: float) -> "Allowed":
-        """In noise of so many times the power."""
-        return self._replace(scored=self.scored._replace(usual=self.scored.usual / power))
-
     def evidence(self, numbers: np.ndarray) -> np.ndarray:
         """log B by numbers (..., r)."""
         usual = self.scored.usual
@@ -110,9 +106,8 @@ class Allowed(NamedTuple):
         """Its sentence; None where such numbers make no sense."""
         return self.term.say(self.scored.values @ self.mean(numbers), self.scored.errors)
 
-    def sensible(self, mean: np.ndarray) -> bool:
-        """Whether such a `mean` makes sense."""
-        value = self.scored.values @ mean
+    def sensible(self, value: np.ndarray) -> bool:
+        """Whether such coefficients make sense."""
         if self.term.sense is None:
             return self.term.say(value, self.scored.errors) is not None
         return self.term.sense(value)
@@ -124,11 +119,12 @@ def spanned(term: Term) -> bool:
 
 
 class Together(NamedTuple):
-    """Effects that logs allow, their numbers side by side, each one's from `begins` on."""
+    """Effects that logs allow, their numbers side by side, each one's from `begins` on. Methods take, of the
+    q numbers of P plates, what each plate's logs show, the variances of what is `usual`, (P, q), and the
+    coefficients of each, `values` (P, q, M)."""
 
     each: Sequence[Allowed]
     begins: np.ndarray
-    usual: np.ndarray  # (q,) variances
     kinds: Sequence[Kind]  # (n,) all that there are
     alike: np.ndarray  # (n, K) which effects are of each kind
     places: np.ndarray  # (K, r) of the numbers of each
@@ -137,44 +133,36 @@ class Together(NamedTuple):
     @classmethod
     def of(cls, each: Sequence[Allowed]) -> "Together":
         """Of these effects, at least one."""
-        usual = [x.scored.usual for x in each]
-        begins = np.cumsum([0, *map(len, usual[:-1])])
+        sizes = np.array([len(x.scored.usual) for x in each])
+        begins = np.cumsum([0, *sizes[:-1]])
         of_each = [x.term.kind for x in each]
         kinds = list(dict.fromkeys(of_each))
         alike = np.array([[float(one == kind) for one in of_each] for kind in kinds])
-        some = np.arange(max(map(len, usual)))
-        has = some < np.array([len(x) for x in usual])[:, None]
-        places = np.where(has, begins[:, None] + some, 0)
-        return cls(each, begins, np.concatenate(usual), kinds, alike, places, has * 1.0)
-
-    def side_by_side(self, shifts: Sequence[np.ndarray]) -> np.ndarray:
-        """(K, p, r) what numbers of each effect move, (p, r) each."""
-        return (np.concatenate(shifts, axis=1)[:, self.places] * self.has).swapaxes(0, 1)
+        some = np.arange(max(sizes))
+        has = some < sizes[:, None]
+        return cls(each, begins, kinds, alike, np.where(has, begins[:, None] + some, 0), has * 1.0)
 
     def added(
-        self,
-        which: tuple[np.ndarray, np.ndarray],
-        shifts: np.ndarray,
-        numbers: np.ndarray,
-        power: np.ndarray,
+        self, which: tuple[np.ndarray, np.ndarray], moves: np.ndarray, numbers: np.ndarray, usual: np.ndarray
     ) -> np.ndarray:
-        """(e, p, p) the second moments of what moves by `shifts` (e, p, r) if these effects (e,) of these
-        plates (e,) are there; the rest as `likely` has it."""
+        """(e, p, p) the second moments of what numbers move, `moves` (P, p, q), if these effects (e,) of
+        these plates (e,) are there."""
         k, p = which
         at = p[:, None], self.places[k]
-        numbers, usual = numbers[at], (self.usual / power)[at]
+        moves = (moves.swapaxes(1, 2)[at] * self.has[k][:, :, None]).swapaxes(1, 2)
+        numbers, usual = numbers[at], usual[at]
         mean = usual / (1 + usual)
-        moved = np.sum(shifts * (mean * numbers)[:, None], axis=2)
-        return moved[:, :, None] * moved[:, None] + (shifts * mean[:, None]) @ shifts.swapaxes(1, 2)
+        moved = np.sum(moves * (mean * numbers)[:, None], axis=2)
+        return moved[:, :, None] * moved[:, None] + (moves * mean[:, None]) @ moves.swapaxes(1, 2)
 
     def own(self, numbers: np.ndarray, k: int) -> np.ndarray:
-        """(r,) those of the k-th effect."""
+        """(r, ...) those of the k-th effect."""
         return numbers[self.begins[k] :][: len(self.each[k].scored.usual)]
 
-    def there(self, power: np.ndarray, here: np.ndarray | bool = True) -> np.ndarray:
+    def there(self, usual: np.ndarray, here: np.ndarray | bool = True) -> np.ndarray:
         """(K, P) which effects logs would show, if they were of a usual size in whatever direction of their
-        numbers, in noise of `power` (P, q) over that of the tests; `here` (K, P): which there may be."""
-        return (np.minimum.reduceat(self.usual / power, self.begins, axis=1).T > SHOWS**2) & here
+        numbers; `here` (K, P): which there may be."""
+        return (np.minimum.reduceat(usual, self.begins, axis=1).T > SHOWS**2) & here
 
     def _before(self, there: np.ndarray) -> np.ndarray:
         """(K, P) how likely each is beforehand over the chance of none."""
@@ -190,23 +178,30 @@ class Together(NamedTuple):
     def likely(
         self,
         numbers: np.ndarray,
-        power: np.ndarray,
+        usual: np.ndarray,
+        values: np.ndarray,
         here: np.ndarray | bool = True,
         seen: np.ndarray | bool = False,
     ) -> np.ndarray:
-        """(K, P) how likely each effect is by the numbers (P, q) of as many plates; 0 where the logs speak
-        against it. `power` and `here` as `there` has them; `seen` (K, P): which are worth more than chance
-        is."""
-        usual = self.usual / power
+        """(K, P) how likely each effect is by the numbers; 0 where the logs speak against it. `here` as
+        `there` has it; `seen` (K, P): which are worth more than chance is."""
         mean = usual / (1 + usual) * numbers
         found = 0.5 * np.add.reduceat(mean * numbers - np.log1p(usual), self.begins, axis=1).T
-        there, odds = self.there(power, here), np.zeros_like(found)
+        there, odds = self.there(usual, here), np.zeros_like(found)
         known = ~there & here & seen
         before, there = np.where(known, 1 / self._tried, self._before(there)), there | known
         for k, p in zip(*np.nonzero((found > 0) & there), strict=True):
-            if self.each[k].sensible(self.own(mean[p], k)):
+            x = self.each[k]
+            value = self.own(mean[p], k) @ self.own(values[p], k)[:, : len(x.scored.values)]
+            if x.sensible(value):
                 odds[k, p] = before[k, p] * np.expm1(min(found[k, p], MOST))
         return odds / (1 + odds.sum(axis=0))
+
+
+def side_by_side(each: Sequence[np.ndarray]) -> np.ndarray:
+    """(q, M) the coefficients (m, r) of numbers of several effects, those of each number in a row."""
+    most = max(len(values) for values in each)
+    return np.concatenate([np.pad(values, ((0, most - len(values)), (0, 0))).T for values in each])
 
 
 def averaged(fit: Linear, tried: Sequence[Term], told: Sequence[str] = NAMES) -> Average:
@@ -219,13 +214,14 @@ def averaged(fit: Linear, tried: Sequence[Term], told: Sequence[str] = NAMES) ->
     numbers = [x.scored.numbers for x in each]
     seen = np.array([[0.5 * n @ n > chance + PERHAPS] for n, (_, chance) in zip(numbers, some, strict=True)])
     whole, together = np.concatenate(numbers)[None], Together.of(each)
-    share = together.likely(whole, np.ones_like(whole), seen=seen)
+    usual = np.concatenate([x.scored.usual for x in each])[None]
+    share = together.likely(whole, usual, side_by_side([x.scored.values for x in each])[None], seen=seen)
     k, p = np.nonzero(share)
     if not len(k):
         return Average.none()
     added, index = Average.none().covariance, [NAMES.index(n) for n in fit.names]
-    shifts = together.side_by_side([x.scored.shifts for x in each])[k]
-    spans = together.added((k, p), shifts, whole, np.ones_like(whole))
+    shifts = np.concatenate([x.scored.shifts for x in each], axis=1)[None]
+    spans = together.added((k, p), shifts, whole, usual)
     added[np.ix_(index, index)] = np.tensordot(share[k, p], spans, 1)
     those = [(each[j], numbers[j], float(share[j, 0])) for j in k]
     return Average(added, widest(those, fit.names, fit.views, told))
