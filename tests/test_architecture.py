@@ -20,7 +20,7 @@ kept
 precision
 shell
 shown
-tables     densities units ruled textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
+tables     densities units ruled workbook textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store
            hdf matlab
            arrays arrow audio tdms jsonlines influx spice uff touchstone citi head
 columns    preset plan metadata signal mapping mapfile labels factors survey roles samples draft found unknown synonyms timebase owntimes abreast header

@@ -60,9 +60,9 @@ def test_numpy_files_that_are_damaged_hold_objects_or_claim_too_much_are_refused
 
 
 def test_an_archive_of_other_things_is_told_as_such(tmp_path):
-    with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
-        archive.writestr("xl/workbook.xml", "<workbook/>")
-    refused(tmp_path / "log.xlsx", "a workbook (.xlsx)", "save it as CSV")
+    with zipfile.ZipFile(tmp_path / "log.zip", "w") as archive:
+        archive.writestr("log.csv", "time_s,w_um")
+    refused(tmp_path / "log.zip", "a zip archive", "save it as CSV")
 
 
 @pytest.mark.parametrize("indent", [None, 1])

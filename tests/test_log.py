@@ -412,6 +412,22 @@ def test_a_preamble_is_left_out_and_noted(save, monkeypatch, content, lines):
         assert (log.metadata, log.temperature) == ({}, None)  # what a preamble states changes no fit
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("temperature_degC: 80", "# temperature_degC: 80"),
+        ("Temperature,24,°C", "# Temperature: 24 °C"),
+        ("Frequency = 32.3 kHz", "# Frequency: 32.3 kHz"),
+        ("Sample Interval,1e-06,", ""),
+        ("Temperature,24", ""),
+    ],
+)
+def test_it_is_said_how_a_preamble_s_constants_are_read(save, line, said):
+    log = read_one(save(f"Model,X\n{line}\n" + HEADER + ROWS))
+    how = f"; to have them read, write '{said}'" if said else ""
+    assert log.notes == (f"lines 1 to 2, above the header, left out{how}",)
+
+
 def test_comments_are_metadata_wherever_they_stand_above_the_header(save):
     log = read_one(save("# temperature_degC: 24\nBEGIN\n# force_N: 3\n" + HEADER + ROWS))
     assert (log.temperature.tolist(), log.force.tolist()) == ([24.0] * 3, [3.0] * 3)
@@ -625,7 +641,7 @@ def test_metadata_in_a_unit_of_the_wrong_kind_is_called_metadata(save, key):
         ("Lock-in tau [ms]: 0.1", "lockin_tau_ms"), ("lockin_tau: 0.1", "lockin_tau_s"), ("lockin_oder: 4", "lockin_order"),
         ("delay: 3 us", "delay_us"), ("delay = 3 us", "delay_us"), ("dealy_us: 3", "delay_us"), ("settle: 0.1", "settle_s"),
         ("temperature_std: 0.1", "temperature_std_degC"), ("temperature_std_K: 0.1", "temperature_std_degC"),
-        ("volt_per_duty: 24", "volts_per_duty"), ("temperature: 24", "temperature_degC"), ("temperature: 297 K", "temperature_K"),
+        ("volt_per_duty: 24", "volts_per_duty"), ("temperature: 24", "temperature_degC"),
         ("temparature_degC: 24", "temperature_degC"),
         ("Temperatur: 24 °C", "temperature_degC"), ("T_degC: 24", "temperature_degC"), ("T: 24 degC", "temperature_degC"),
         ("temp = 24", "temperature_degC"), ("temperature degC: 24", "temperature_degC"),
@@ -644,10 +660,24 @@ def test_a_line_that_is_nearly_metadata_is_a_warning(save, line, expected):
 
 
 @pytest.mark.parametrize(
+    ("line", "name", "value"),
+    [
+        ("temperature: 297.15 K", "temperature", 24.0), ("Temperature: 24 °C", "temperature", 24.0),
+        ("Frequency: 32.3 kHz", "frequency", 32300.0), ("voltage: 5 Vpp", "drive", 2.5),
+        ("Force: 300 mN", "force", 0.3),
+    ],
+)  # fmt: skip
+def test_a_unit_may_stand_behind_the_number(save, line, name, value):
+    log = read_one(save(f"# {line}\ntime_s,w_um\n0,1\n1,2\n"))
+    np.testing.assert_allclose(getattr(log, name), [value, value], rtol=1e-12)
+    assert log.warnings == ()
+
+
+@pytest.mark.parametrize(
     ("line", "expected"),
     [
         ("Frequency: 32300", "frequency_Hz"), ("freq: 32.3 kHz", "frequency_kHz"), ("f_Hz: 32300", "frequency_Hz"),
-        ("frequncy_kHz: 32.3", "frequency_kHz"), ("voltage: 5", "voltage_V"), ("voltage: 5 Vpp", "voltage_V_pp"),
+        ("frequncy_kHz: 32.3", "frequency_kHz"), ("voltage: 5", "voltage_V"),
         ("U_mV: 5", "voltage_mV"), ("voltage_V = 5 volt, at most", None),
     ],
 )  # fmt: skip

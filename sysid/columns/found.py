@@ -18,6 +18,7 @@ from sysid.tables import layout, units
 from sysid.tables.cells import Dialect, listed
 from sysid.tables.csvfile import Head, LogError, read_head
 from sysid.tables.scattered import RATIOS
+from sysid.tables.workbook import file_of
 
 SMALL = 1 << 22  # bytes of a file in which traces one below the other are looked for: instruments write less
 REFLECTED = ("s11", "s22", "return", "vswr", "swr")  # unlike S21, which may be what a sensor makes of a drive
@@ -118,7 +119,7 @@ def _of_waves(head: Head, names: Collection[str] = SCATTERING) -> bool:
 def joined(head: Head, dialect: Dialect) -> Head:
     """The head of a file whose traces stand one below the other for all of them side by side; any other as it
     is."""
-    if head.sheet is None and dialect.join is None and os.path.getsize(head.path) <= SMALL:
+    if head.sheet is None and dialect.join is None and os.path.getsize(file_of(head.path)) <= SMALL:
         try:
             found = layout.tables(head.path, replace(head.dialect, delimiter=None))
             if layout.can_be_joined(found):

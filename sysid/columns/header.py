@@ -13,7 +13,7 @@ from sysid.columns.factors import not_applied
 from sysid.columns.found import TAKEN, Undecided, as_drafted, completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
-from sysid.columns.metadata import rate_key, refuse_repeated, stated_constant
+from sysid.columns.metadata import labelled, rate_key, refuse_repeated, stated_constant
 from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
@@ -196,12 +196,13 @@ def contract_plan(head: Head) -> Plan:
         if not ours and label.casefold() != "log":
             unknown.append(label)
     for key, value in head.metadata.items():
-        name = None if f"{key.casefold()}_degc" in units.BENCH_NUMBERS else units.parse_name(key)
+        label = labelled(key, value)
+        name = None if f"{key.casefold()}_degc" in units.BENCH_NUMBERS else units.parse_name(label)
         remark = (
             name is not None and amount(value) is None and not units.is_known(name.unit)
         )  # as LabVIEW's Time_Pref: Relative
         if name and name.unit and name.quantity != "response" and not remark:
-            add_source(head, sources, key, stated_constant(head, key, value, name))
+            add_source(head, sources, label, stated_constant(head, key, value, name))
     notes += add_synonyms(head, sources, unknown)
     notes += _without_unit(head, sources)
     counter = None if waveform or "time" in sources else counter_of(head, unknown)
@@ -285,7 +286,11 @@ def _why_no_drive(label: str, sources: Mapping[str, Source]) -> str:
 def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:
     """A note on metadata of ours without a unit; of a number that nothing else states there is a warning
     instead."""
-    names = {key: name for key in head.metadata if (name := units.parse_name(key)) and not name.unit}
+    names = {
+        key: name
+        for key, value in head.metadata.items()
+        if (name := units.parse_name(labelled(key, value))) and not name.unit
+    }
     lost = {
         key
         for key, name in names.items()

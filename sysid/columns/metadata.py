@@ -37,6 +37,13 @@ def stated(metadata: Mapping[str, str], key: str) -> str | None:
     return next((value for name, value in metadata.items() if name.casefold() == key and value), None)
 
 
+def labelled(key: str, value: str) -> str:
+    """The name of a constant with its unit, which may stand behind the number: Temperature: 24 degC."""
+    _, unit = amount(value) or ("", "")
+    with_unit = f"{key} [{unit}]"
+    return with_unit if unit and not units.is_key(key) and units.is_key(with_unit) else key
+
+
 def refuse_repeated(head: Head, metadata: Mapping[str, str], words: Collection[str]) -> None:
     """Raise LogError when the file states one of `words` twice with different values, and `metadata` has it
     from the file."""
@@ -92,7 +99,8 @@ def constants_beside(
     found: dict[str, Source] = {}
     notes = []
     for key, text in metadata.items():
-        name = units.parse_name(key) if units.is_key(key) else None
+        label = labelled(key, text)
+        name = units.parse_name(label) if units.is_key(label) else None
         if name is None or not name.unit or not is_absent(name.quantity, {**sources, **found}):
             continue
         try:

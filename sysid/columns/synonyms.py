@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 from sysid.columns.labels import ANGULAR, INPUTS, STAMPED, folded
-from sysid.columns.metadata import stated, stated_constant
+from sysid.columns.metadata import labelled, stated, stated_constant
 from sysid.columns.plan import Source, is_absent
 from sysid.columns.unknown import Unnamed, drafted
 from sysid.tables import units
@@ -37,7 +37,7 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
             notes.append(f"column {label or 'without a name'} is read as {quantity}")
     for key, value in head.metadata.items():
         if (quantity := _meant(key, SYNONYMS, sources)) in units.CONSTANTS:
-            label = quantity + key.strip()[len(units.split_unit(key)[0]) :]
+            label = labelled(quantity + key.strip()[len(units.split_unit(key)[0]) :], value)
             add_source(head, sources, label, stated_constant(head, key, value, units.parse_name(label)))
             notes.append(f"metadata {key!r} is read as {quantity}")
     return notes

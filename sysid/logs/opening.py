@@ -17,7 +17,8 @@ from sysid.logs.capture import captures, side_by_side
 from sysid.tables.cells import Dialect
 from sysid.tables.csvfile import Head, LogError
 from sysid.tables.head import open_head
-from sysid.tables.textfile import unchanged
+from sysid.tables.textfile import parts, unchanged
+from sysid.tables.workbook import file_of
 
 
 def groups(paths: str | Path | Iterable[str | Path], mapping: MappingFile | None) -> list[dict[str, str]]:
@@ -56,11 +57,11 @@ def expanded(paths: Iterable[str | Path]) -> list[str]:
     """The files that patterns such as `logs/*.csv` stand for."""
     files: list[str] = []
     for path in map(str, paths):
-        plain = os.path.exists(path) or not glob.has_magic(path)
+        plain = os.path.exists(file_of(path)) or not glob.has_magic(path)
         found = [path] if plain else sorted(glob.glob(path, recursive=True))
         if not found:
             raise LogError(f"{path}: found no file that fits this pattern, expected at least one")
-        files += found
+        files += (part for file in found for part in parts(file))
     if not files:
         raise LogError("found no logs, expected at least one file")
     return files
@@ -68,9 +69,10 @@ def expanded(paths: Iterable[str | Path]) -> list[str]:
 
 def _check_file(path: str) -> None:
     """Raise LogError where a path is not that of a file."""
-    if os.path.isdir(path):
+    file = file_of(path)
+    if os.path.isdir(file):
         instead = f"give {path.rstrip('/')}/*.csv for all logs in it"
         raise LogError(f"{path}: found a directory, expected a file; {instead}")
-    if not os.path.isfile(path):
-        found = "a pipe, a socket or a device" if os.path.exists(path) else "no such file"
+    if not os.path.isfile(file):
+        found = "a pipe, a socket or a device" if os.path.exists(file) else "no such file"
         raise LogError(f"{path}: found {found}, expected a log")

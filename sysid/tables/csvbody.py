@@ -4,7 +4,6 @@ What is no row ends in a `LogError` that names the file, the line and the column
 again a table of its own begins.
 """
 
-import hashlib
 import io
 import itertools
 from collections.abc import Collection
@@ -28,7 +27,7 @@ from sysid.tables.csvfile import Head, LogError, comment_of, metadata_of
 from sysid.tables.pieces import Gap, find_gaps, pieces, rows_like, without_end, without_remarks
 from sysid.tables.preamble import DEEPEST, names_below
 from sysid.tables.stamps import EXAMPLE, is_date, is_local, seconds_since, told
-from sysid.tables.textfile import decoded, is_packed, open_text
+from sysid.tables.textfile import decoded, digest, is_packed, open_text
 
 BLOCK = 1 << 24  # bytes parsed at a time
 UNPACKED = 1 << 27  # numbers, and lines, of a packed file, whose size says nothing of what it unpacks to
@@ -78,7 +77,7 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
         str(head.dialect.delimiter),
         tuple(mark.encode() for mark in head.dialect.comment or ()),
     )
-    digest, packed = _digest(head.path), is_packed(head.path)
+    sha256, packed = digest(head.path), is_packed(head.path)
     with open_text(head.path) as file:
         like = rows_like(head.sample[0], delimiter)
         gaps = find_gaps(file, (*head.header, b"")[0], head.start, line, like, BLOCK)
@@ -115,14 +114,9 @@ def read_body(head: Head, columns: list[int], key: int | None = None, dated: Col
                 "found other metadata than above, expected them once; the column tells the experiments apart"
             )
             raise LogError(f"{head.path}, lines {odd.line} to {odd.line + odd.lines - 1}: {found}")
-        return Body(joined, np.concatenate(keys), digest, blank_lines, tuple(notes))
+        return Body(joined, np.concatenate(keys), sha256, blank_lines, tuple(notes))
     table = _tables(gaps, head.first_line, line, blank_lines)
-    return Body(joined, table, digest, blank_lines, tuple(notes), None if table is None else tables)
-
-
-def _digest(path: str) -> str:
-    with open(path, "rb") as raw:
-        return hashlib.file_digest(raw, "sha256").hexdigest()
+    return Body(joined, table, sha256, blank_lines, tuple(notes), None if table is None else tables)
 
 
 def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection[int]) -> Body:
@@ -132,8 +126,8 @@ def _of_sheet(head: Head, columns: list[int], key: int | None, dated: Collection
     numbers = {column: sheet.numbers(column, decimal) for column in columns if column not in texts}
     for column in texts:
         numbers[column] = told(seconds_since(head.first(column), sheet.texts(column).tolist()))
-    digest = sheet.sha256 if sheet.sha256 is not None else _digest(head.path)
-    return Body(numbers, None if key is None else sheet.texts(key), digest)
+    sha256 = sheet.sha256 if sheet.sha256 is not None else digest(head.path)
+    return Body(numbers, None if key is None else sheet.texts(key), sha256)
 
 
 def _of_remarks(head: Head, remarks: list[tuple[int, str]], end: int) -> str:

@@ -13,6 +13,7 @@ from sysid.tables.hdf import read_hdf
 from sysid.tables.influx import is_influx, read_influx
 from sysid.tables.jsonlines import is_jsonlines, read_jsonlines
 from sysid.tables.store import Store
+from sysid.tables.workbook import file_of
 
 Reader = Callable[[str, str], Store]
 BY_MARK: dict[bytes, tuple[Reader, str]] = {
@@ -59,7 +60,7 @@ def open_head(path: str, dialect: Dialect) -> Head:
 
 def _reader(path: str) -> tuple[Reader, str] | None:
     """What reads a file that is no text table, and what it is called; None of text."""
-    with open(path, "rb") as file:
+    with open(file_of(path), "rb") as file:
         first = file.read(BEGINNING)
         for place in USER_BLOCKS if first.startswith(b"\x00") else ():
             file.seek(place)

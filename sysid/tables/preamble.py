@@ -13,6 +13,7 @@ from sysid.tables import units
 from sysid.tables.cells import (
     WHITESPACE,
     Dialect,
+    amount,
     find_delimiter,
     is_number,
     listed,
@@ -211,10 +212,29 @@ def left_out(lines: list[str], number: int, top: Top, comments: Collection[int])
     where = [str(number + run[0]) + (f" to {number + run[-1]}" if run[1:] else "") for run in runs if run]
     lone = len(where) == 1 and where[0].isdigit()
     notes = [f"line{'' if lone else 's'} {listed(where)}, above the header, left out"] if where else []
+    told = [
+        text for k in range(top.names) if k not in comments and (text := _stated(lines[k], top.delimiter))
+    ]
+    notes = [f"{note}; to have them read, write '# {told[0]}'" for note in notes] if told else notes
     below = [k for k in range(top.names + 1 + top.units, top.rows) if lines[k].strip()]
     notes += [f"line {number + k}, between the header and the rows, left out" for k in below]
     spare = [name for name in _cells(lines[top.names], top.delimiter)[top.width :] if name]
     return notes + ([f"names without a column, left out: {listed(spare)}"] if spare else [])
+
+
+def _stated(line: str, delimiter: str) -> str:
+    """A line without a comment mark as metadata, if it may state what is constant over a log, with its unit:
+    `Temperature (degC),24`, `Temperature: 24 °C`; else "". An instrument's own temperature may be called
+    so."""
+    name, *more = [cell for cell in _cells(line, delimiter) if cell] or [""]
+    told = f"{name.rstrip(':= ')}: {' '.join(more)}" if more else re.sub(r"\s*[:=]\s*", ": ", name, count=1)
+    key, _, value = told.partition(": ")
+    found = amount(value)
+    if found is None:
+        return ""
+    keys = [key, f"{key} [{found[1]}]"] if found[1] else [key]
+    names = [own for own in map(units.parse_name, filter(units.is_key, keys)) if own and own.unit]
+    return told if names and len(more) < 3 else ""
 
 
 def _shapes(lines: list[str], dialect: Dialect) -> list[tuple[str, int] | None]:

@@ -4,6 +4,7 @@ the same."""
 import bz2
 import codecs
 import gzip
+import hashlib
 import io
 import lzma
 import os
@@ -13,6 +14,7 @@ from contextlib import contextmanager
 from typing import Any, BinaryIO
 
 from sysid.tables.ruled import is_ruled, unruled
+from sysid.tables.workbook import NoWorkbook, as_text, file_of, is_workbook, sheets
 
 LONGEST = (
     1 << 24
@@ -24,8 +26,7 @@ PACKED: dict[bytes, Callable[..., Any]] = {
     b"\xfd7zXZ\x00": lzma.open,
 }
 FOREIGN = {
-    b"PK\x03\x04": "a zip archive or a workbook (.xlsx)",
-    b"\xd0\xcf\x11\xe0": "a workbook (.xls)",
+    b"PK\x03\x04": "a zip archive",
     codecs.BOM_UTF32_LE: "UTF-32 text",
     b"SQLite format 3": "a database (SQLite)",
     b"CDF\x01": "a netCDF file of version 3",
@@ -93,14 +94,14 @@ class LogError(ValueError):
 @contextmanager
 def unchanged(path: str) -> Iterator[None]:
     """Raise LogError when the file is another one, or of another length or time, at the end of the block."""
-    before = os.stat(path)
+    before = os.stat(file_of(path))
     yield
     refuse_changed(path, before)
 
 
 def refuse_changed(path: str, before: os.stat_result) -> None:
     """Raise LogError when the file is another one than it was, or of another length or time."""
-    after = os.stat(path)
+    after = os.stat(file_of(path))
     if any(getattr(before, name) != getattr(after, name) for name in ("st_ino", "st_size", "st_mtime_ns")):
         raise LogError(
             f"{path}: found that it changed while it was read, expected a log that is written to its end"
@@ -109,9 +110,11 @@ def refuse_changed(path: str, before: os.stat_result) -> None:
 
 def open_text(path: str) -> BinaryIO:
     """The file's bytes, decompressed when they are packed. A file that is no text: LogError."""
-    with open(path, "rb") as file:
-        first = file.read(NEAR)
-        padded = b"\n" in first and file.seek(-1, os.SEEK_END) and file.read() == b"\0"
+    with open(file := file_of(path), "rb") as raw:
+        first = raw.read(NEAR)
+        padded = b"\n" in first and raw.seek(-1, os.SEEK_END) and raw.read() == b"\0"
+    if is_workbook(file, first):
+        return _from_workbook(path)
     if found := next((name for mark, name in FOREIGN.items() if first.startswith(mark)), None):
         raise LogError(f"{path}: found {found}, expected a text table; save it as CSV (UTF-8)")
     if first.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -126,8 +129,32 @@ def open_text(path: str) -> BinaryIO:
 
 def is_packed(path: str) -> bool:
     """Whether what a file unpacks to may be larger than it is by any factor."""
-    with open(path, "rb") as file:
+    with open(file_of(path), "rb") as file:
         return file.read(20).startswith(tuple(PACKED))
+
+
+def digest(path: str) -> str:
+    """sha256 of a file's bytes; of a sheet that of this and its name."""
+    with open(file := file_of(path), "rb") as raw:
+        found = hashlib.file_digest(raw, "sha256").hexdigest()
+    return found if file == path else hashlib.sha256(f"{found} {path[len(file) :]}".encode()).hexdigest()
+
+
+def parts(path: str) -> list[str]:
+    """The paths of what is to be read of a file: itself, or each sheet of a workbook. One that cannot be read
+    is refused as it is opened."""
+    try:
+        return sheets(path)
+    except (NoWorkbook, OSError):
+        return [path]
+
+
+def _from_workbook(path: str) -> BinaryIO:
+    """The text of its sheets, whole in memory."""
+    try:
+        return io.BytesIO(as_text(path))
+    except NoWorkbook as error:
+        raise LogError(f"{path}: {error}") from None
 
 
 def _from_utf16(path: str) -> BinaryIO:
