@@ -7,28 +7,34 @@ Times are counted in samples, frequencies in rad/sample.
 """
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import numpy as np
 
 CHUNK = 1 << 18  # samples that are worked on at a time
 
 
-def lock_in(signal: np.ndarray, phase: np.ndarray, rate: np.ndarray | None = None) -> np.ndarray:
+def lock_in(
+    signal: np.ndarray, phase: np.ndarray, rate: np.ndarray | float = 0.0, order: int = 0
+) -> np.ndarray:
     """(m, 3) complex c of `signal` (m, n), a block a row, at theta = `phase` (m, n):
 
         signal = offset + Re[(c0 + c1 x + c2 (x^2 - mean)) e^{j theta}],   x from -1/2 to 1/2 along the block,
 
     by least squares. c0 is the mean of W over the block: that of 2 signal e^{-j theta}, freed of its image at
     twice the carrier also where the block is no whole number of periods, an offset is there, or W changes
-    within it. Two periods are enough: the noise of c0 is then 1.5 % above sqrt(2/n) of a sample's. With
-    `rate`, omega (m,), the signal is the derivative of the right side, per sample. Raises LinAlgError when
-    the shapes cannot be told apart.
+    within it. Two periods are enough: the noise of c0 is then 1.5 % above sqrt(2/n) of a sample's. Of an
+    `order` of 1 or 2 the signal is that derivative of the right side, per sample, where theta turns by
+    `rate`, omega (m,). Raises LinAlgError when the shapes cannot be told apart.
     """
     n = signal.shape[1]
     x = (np.arange(n) - (n - 1) / 2) / n
-    shapes = np.stack([np.ones(n), x, x**2 - np.mean(x**2)])
-    if rate is not None:
-        shapes = 1j * rate[:, None, None] * shapes + np.stack([0 * x, 1 + 0 * x, 2 * x]) / n
+    one, none, spin = np.ones(n), np.zeros(n), 1j * np.reshape(rate, (-1, 1, 1))
+    # each with its derivatives; that of s e^{j theta} is (j omega s + s') e^{j theta}
+    shapes, *more = np.stack([one, x, x**2 - np.mean(x**2)]), np.stack([none, one, 2 * x]) / n
+    more += [np.stack([none, none, 2 * one]) / n**2]
+    for _ in range(order):
+        shapes, *more = (spin * s + d for s, d in pairwise([shapes, *more, 0 * more[-1]]))
     turned = shapes * np.exp(1j * phase)[:, None]
     design = np.concatenate([np.ones((len(turned), 1, n)), turned.real, -turned.imag], axis=1)
     found = np.linalg.solve(design @ design.transpose(0, 2, 1), design @ signal[..., None])[..., 0]
@@ -41,7 +47,7 @@ def blocks(
     n: int,
     phase: np.ndarray,
     omega: np.ndarray | float,
-    derivative: bool = False,
+    order: int = 0,
 ) -> np.ndarray:
     """`lock_in` of the blocks of `n` samples that begin at `start` (m,), where theta is `phase` (m,) and
     turns by `omega`."""
@@ -49,7 +55,7 @@ def blocks(
     found = np.empty((len(start), 3), complex)
     for k in _chunks(len(start), n):
         found[k] = lock_in(
-            signal[start[k, None] + t], phase[k, None] + omega[k, None] * t, omega[k] if derivative else None
+            signal[start[k, None] + t], phase[k, None] + omega[k, None] * t, omega[k], order
         )
     return found
 

@@ -64,14 +64,14 @@ def demodulate(
     delay: float = 0.0,
     tau: float = 0.0,
     order: int = 1,
-    derivative: bool = False,
+    derivative: int = 0,
 ) -> Rows:
     """Rows of samples (n,) of drive and response at even `time` (s), the drive's own phase being the
     reference.
 
     frequency: (n,) Hz, stated; it names the frequencies where the drive bears it out. delay (s): by which the
     response is behind the drive. tau (s), order: one-pole filters that the response passes besides.
-    derivative: the samples are those of w', and Wd + j Wq still that of w. Raises LogError when time is not
+    derivative: of which order the samples are one of w, 1 of a velocity, and Wd + j Wq still that of w. Raises LogError when time is not
     even, periods are few or sampled too seldom, the drive is no carrier that holds, or a stated frequency is
     another than the drive's.
     """
@@ -92,7 +92,7 @@ def demodulate(
     begin = np.concatenate(spans)
     found = _in_blocks(response, held, own, begin, n, ahead, derivative)
     if tau > 0:
-        spin = 1j * held.omega[own] if derivative else np.ones(len(own))
+        spin = (1j * held.omega[own]) ** derivative
         smooth = _filtered(response, held, ahead, begin, n, tau / step, int(order), found[0] * spin[0])
         found[1:] = smooth / spin
     last = np.cumsum([len(k) for k in spans])  # rows at the ends of the stretches
@@ -107,7 +107,7 @@ def demodulate(
         drive=held.level[stretch],
         frequency=named[stretch],
         theta=held.theta[stretch] + held.omega[stretch] * (at - held.start[stretch]),
-        response=found * step if derivative else found,
+        response=found * step**derivative,
         stretch=stretch,
         start=first + held.start,
         width=n * step,
@@ -124,7 +124,7 @@ def _in_blocks(
     begin: np.ndarray,
     n: int,
     ahead: float,
-    derivative: bool,
+    derivative: int,
 ) -> np.ndarray:
     """Means of the response over blocks of `n` samples from `begin`, turned by the phase of each one's
     stretch `own`; before them what it is at the first sample, by the curve of the first block."""
@@ -236,7 +236,7 @@ def from_samples(
             f" are"
         )
     bench = dict(given["bench"])
-    derivative = plan.quantity in ("velocity", "current")
+    derivative = signals.ORDERS.get(plan.quantity, 0)
     options = {"delay": "delay_s", "tau": "lockin_tau_s", "order": "lockin_order"}
     stated = {name: bench[key] for name, key in options.items() if key in bench}
     try:
@@ -245,7 +245,7 @@ def from_samples(
         )
     except LogError as error:
         raise LogError(f"{head.path}: {error}") from None
-    signal = rows.response * (2 * np.pi * rows.frequency if derivative else -1j)
+    signal = rows.response * (2j * np.pi * rows.frequency) ** derivative / 1j
     response, unit = signals.lock_in(signal, plan, rows.frequency, raw[1], head.path)
     lit = rows.frequency[rows.drive != 0]
     span = f"{np.min(lit):.3f}" + (f" to {np.max(lit):.3f}" if np.ptp(lit) > 0 else "")
