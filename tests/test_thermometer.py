@@ -390,3 +390,12 @@ def test_a_long_log_that_warms_tells_k_t_and_no_drift():
     k_T = fit.parameters["k_T"]
     assert k_T.std < 0.05 and abs(k_T.value + 10.0) < 4 * k_T.std
     assert not [x.key for x in fit.findings if x.outcome == "fitted"]
+
+
+@pytest.mark.parametrize("seconds", [40.0, 80.0, 300.0])
+@pytest.mark.parametrize("digit", [0.01, 0.1])
+def test_a_smooth_curve_in_steps_of_a_digit_was_not_interpolated(seconds, digit):
+    """Warming up by 3 degC: read to half a digit, of which noise is told at most."""
+    true = 24 + 3 * (1 - np.exp(-3.0 * np.arange(81) / seconds))
+    (found,) = of_plates([np.round(true / digit) * digit], [digit])
+    assert np.max(np.abs(found.temperature - true)) < 0.8 * digit and found.error < digit

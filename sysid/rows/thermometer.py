@@ -191,10 +191,15 @@ def _smooth(y: np.ndarray) -> Reading:
 
 
 def _knots(y: np.ndarray) -> np.ndarray | None:
-    """The rows between which readings were interpolated, as of a thermometer that is read less often than the
-    response; None where they were not."""
+    """The rows between which readings were interpolated, as of a thermometer that is read every so many rows;
+    None where they were not: in steps of a digit a smooth curve is straight for a while as well, but bends
+    wherever it happens to."""
     bends = np.flatnonzero(np.abs(np.diff(y, 2)) > STRAIGHT * np.max(np.abs(y)))
-    return np.concatenate([[0], bends + 1, [len(y) - 1]]) if FEW <= len(bends) <= 0.5 * len(y) else None
+    between = np.diff(bends)
+    every = between[between > 1]  # a reading between two rows bends at both
+    if not FEW <= len(bends) <= 0.5 * len(y) or (len(every) and np.ptp(every)) > 2:
+        return None
+    return np.concatenate([[0], bends + 1, [len(y) - 1]])
 
 
 class _Walk(NamedTuple):
