@@ -198,21 +198,20 @@ def _behind(noisy: bool) -> Effect:
     taken over a lag before and behind, which rounds where the plate turns."""
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        lag = float(values[0]) * lasted(trial)
+        lag = float(values[0])
         return _lagged(trial, lag, noisy * abs(lag))
 
     return Effect(
         name="thermometer_lag",
         shows=_warming,
-        stds=lambda trial, about: np.array([LAGS[-1]]),
-        starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None],
+        stds=lambda trial, about: LAGS[-1:] * lasted(trial),
+        starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None] * lasted(trial),
         applied=applied,
-        numbers=lambda trial, values, stds, about: {
-            "lag_s": number(values[0], stds[0], "s", lasted(trial)),
-        },
+        numbers=lambda trial, values, stds, about: {"lag_s": number(values[0], stds[0], "s")},
         said=_lagged_said,
         scope="bench",
         places=nowhere if noisy else None,  # of a short lag both are the same
+        shown_by=lambda trial, about: "" if noisy or not _warming(trial) else "logs at temperatures that are held",
     )
 
 

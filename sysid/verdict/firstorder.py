@@ -22,12 +22,14 @@ WITHIN = 2.0  # prior standard deviations; a larger number is of something else
 def of_effects(
     views: Mapping[int, LinearisedLog], about: About, effects: Sequence[Effect] = EFFECTS
 ) -> Iterator[Term]:
-    """All that these effects may be in the logs: in each for itself, or in all that show them."""
+    """All that these effects may be in the logs: in each for itself, in all that show them, or both."""
     for effect in effects:
         shown = {i: v for i, v in views.items() if effect.shows(v.trial)}
-        for group in [shown] if effect.scope == "plate" else [{i: v} for i, v in shown.items()]:
-            if group:
-                yield from _terms(effect, group, next(iter(group)) if len(group) == 1 else None, about)
+        groups = [] if effect.scope == "plate" else [{i: v} for i, v in shown.items()]
+        if shown and (effect.scope == "plate" or (effect.scope == "bench" and len(shown) > 1)):
+            groups.append(shown)
+        for group in groups:
+            yield from _terms(effect, group, next(iter(group)) if len(group) == 1 else None, about)
 
 
 def hidden(views: Mapping[int, LinearisedLog], about: About) -> Iterator[Term]:
