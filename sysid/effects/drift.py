@@ -33,6 +33,7 @@ SHIFTS = 2.0 ** np.arange(-7, 0)  # of the sweep: what shifts by more has left i
 RATES, EVEN = (3.0,), 0.01  # one over the time constant of a drift that levels off, of the log; of none
 LAGS = np.array([0.003, 0.03, 0.3])  # of a log's duration, to both sides
 SLOW = 1e4  # time constants in a sweep that lasts long enough for the plate to warm
+HELD = "logs at temperatures that are held"  # show what a thermometer's lag would hide
 BACK = "a sweep back as well"  # shows what goes with the time
 TURNED = 0.5  # rad from end to end: of more a demodulator is seen to be at another frequency
 WARMED = 4.0  # half bandwidths: of a plate at some other temperature
@@ -211,7 +212,7 @@ def _behind(noisy: bool) -> Effect:
         said=_lagged_said,
         scope="bench",
         places=nowhere if noisy else None,  # of a short lag both are the same
-        shown_by=lambda trial, about: "" if noisy or not _warming(trial) else "logs at temperatures that are held",
+        shown_by=lambda trial, about: "" if noisy or not _warming(trial) else HELD,
     )
 
 

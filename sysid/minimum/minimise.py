@@ -34,6 +34,7 @@ NEW = Rounds()  # for logs of whose noise nothing is known
 ESTIMATED = Rounds(known=1)  # for logs whose noise was estimated at a minimum nearby
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
 MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
+ALL = 1e100  # of noise: what nobody misses
 RIPPLES = 9.0  # log-likelihood, less than which none of sixty things shows beyond chance (`verdict.misfit`)
 
 
@@ -114,7 +115,8 @@ def rippling(state: State, q: float) -> float:
         most = max(np.abs(t.inputs.drive).max(), 1e-300)  # an effect may leave no drive at all
         changes = np.sum(np.abs(np.diff(t.inputs.drive, prepend=0.0) / most) ** 2)
         rows = min(changes * state.tau / t.spacing, len(t.log)) if t.spacing else len(t.log)
-        worth += 0.5 * rows * (t.scale / (4 * q * max(t.noise.std, 1e-300))) ** 2
+        share = min(t.scale / (4 * max(q * t.noise.std, 1e-300)), ALL)  # of a step that went astray q is none
+        worth += 0.5 * rows * share**2
     return worth
 
 

@@ -23,6 +23,7 @@ from sysid.verdict.identify import limits
 
 QUANTILES = 4096  # of a normal: its standard deviation to 2e-4
 LINE = np.linspace(-5, 5, 11)  # standard deviations, at which a ridge is compared with a normal
+LARGEST = 300.0  # of a logarithm, beyond which squares of what cannot be told are no numbers
 LEAST = 1e-12  # of the correlations, relative: of less no Cholesky factor is to be had
 WASTE = 1.2  # draws for an effective one from which a ridge is followed: of a normal it is 1.01
 
@@ -99,7 +100,7 @@ class Target:
         """The parameters by name, from their components of theta."""
         f0 = self.fit.reference[0]
         return {
-            n: np.exp(v) if n in POSITIVE else f0 + v if n == "f0" else v
+            n: np.exp(np.clip(v, -LARGEST, LARGEST)) if n in POSITIVE else f0 + v if n == "f0" else v
             for n, v in zip(self.names, x.T, strict=True)
         }
 
