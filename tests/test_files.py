@@ -129,7 +129,7 @@ CONSTANTS = [("a.h5", hdf), ("b.mat", mat5), ("c.mat", mat73), ("f.tdms", tdms),
 def test_what_is_constant_is_read(save, tmp_path, name, write):
     write(tmp_path / name, COLUMNS, drive_V=10.0, temperature_degC=24.0)
     draft = draft_of(tmp_path / name)
-    assert 'drive = "10.0 V"' in draft and 'temperature = "24.0 degC"' in draft
+    assert "# drive: as each file states it, 10.0 V here" in draft and "24.0 degC here" in draft
     (log,) = read_logs(tmp_path / name, columns=save(answered(draft), "map.toml"))
     assert (set(log.drive), set(log.temperature)) == ({10.0}, {24.0})
     write(tmp_path / name, OURS, drive_V=10.0, temperature_degC=24.0)

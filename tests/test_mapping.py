@@ -573,3 +573,25 @@ def test_rms_is_of_drive_and_response_alone(read):
     np.testing.assert_array_equal(log.frequency, [100, 200, 400])
     np.testing.assert_array_equal(log.temperature, [20, 21, 22])
     np.testing.assert_allclose(log.response, np.sqrt(2) * np.array([1, 3, 5]), rtol=1e-15)  # one rounding
+
+
+@pytest.mark.parametrize(
+    ("stated", "constant", "told"),
+    [
+        ("voltage_V: 100", "50 V", True),
+        ("voltage_V: 100", "0.1 kV", False),
+        ("voltage_V_pp: 100", "50 V", False),
+        ("Voltage: 100 Vpp", "100 V", True),
+        ("voltage_V: 100", "100 V_rms", True),
+    ],
+)
+def test_a_constant_that_a_file_states_otherwise_is_a_warning(tmp_path, stated, constant, told):
+    """The mapping file's is taken, which holds for all files; the draft leaves it to each of them."""
+    (tmp_path / "a.csv").write_text(f"# {stated}\nf (Hz),X (um),Y (um)\n32000,1,2\n32010,1,3\n32020,2,3\n")
+    (tmp_path / "m.toml").write_text(
+        'amplitude = "peak"\nphase_sign = 1\nquantity = "displacement"\n[columns]\n'
+        'frequency = { column = "f (Hz)", unit = "Hz" }\nx = { column = "X (um)", unit = "um" }\n'
+        f'y = {{ column = "Y (um)", unit = "um" }}\n[constants]\nvoltage = "{constant}"\n'
+    )
+    (log,) = read_logs(tmp_path / "a.csv", columns=tmp_path / "m.toml")
+    assert any("which is taken" in warning for warning in log.warnings) is told

@@ -250,14 +250,14 @@ class _Draft:
         driven = (
             samples or self.ratio or self.found.keys() & {*units.DRIVES} or stated.keys() & {*units.DRIVES}
         )
-        live = [f"{name} = {_quote(value)}" for name, value in stated.items()]
-        live += ['voltage = "1 V"  # as an admittance is the current per volt'] if self.ratio == "S" else []
+        told = [f"# {name}: as each file states it, {value} here" for name, value in stated.items()]
+        live = ['voltage = "1 V"  # as an admittance is the current per volt'] if self.ratio == "S" else []
         if not driven and (unit := self._by()):
             name, driven = ("voltage" if fits("voltage", unit) else "drive"), True
             live += [f'{name} = "1 {unit}"  # as the response is stated by {unit}']
         spare = [] if driven or self.ratio else ['# voltage = "1 V"']
         spare += [] if "temperature" in {*self.found, *stated} else ['# temperature = "20 degC"']
-        lines = [*(["[constants]", *live] if live else ["# [constants]"]), *spare]
+        lines = [*(["[constants]", *live] if live else ["# [constants]"]), *told, *spare]
         rate = "time" in self.found or any(
             key.casefold().startswith("sample_rate") for key in self.head.metadata
         )
@@ -273,7 +273,7 @@ class _Draft:
         return next((f"sample_rate_Hz = {1 / of:.12g}  # 1/{key}, in s" for key, of in stated if of > 0), "")
 
     def _stated(self) -> dict[str, str]:
-        """Constant inputs of the file's own metadata, which a mapping file with columns has to name."""
+        """Constant inputs that the file's own metadata state, as a mapping file would."""
         found: dict[str, str] = {}
         for key, value in self.head.metadata.items():
             name = units.parse_name(key)

@@ -85,7 +85,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.columns.metadata import constants_beside
+from sysid.columns.metadata import constants_beside, overruled
 from sysid.columns.plan import GRAVITY, PHASES, Plan, Source, drive_as, per_drive
 from sysid.tables import units
 from sysid.tables.cells import Dialect, listed, to_number
@@ -155,7 +155,8 @@ class MappingFile:
             place, assumed = placed(head.path, quantity, metadata)
             metadata = metadata | place
         notes = (*head.notes, *self._notes(sources), *read, *assumed)
-        return self._told(Plan(sources, metadata, notes=notes), head)
+        warnings = overruled(head, self._constants(), self.path)
+        return self._told(Plan(sources, metadata, notes=notes, warnings=warnings), head)
 
     def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
         """The sources of an impedance, a reflection or a transmission, with the 1 V that drives its current;

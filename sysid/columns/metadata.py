@@ -10,6 +10,9 @@ from sysid.tables.cells import amount, to_number
 from sysid.tables.csvfile import Head, LogError
 
 
+ALIKE = 1e-6  # by which numbers that are written twice differ where they are the same
+
+
 def rate_key(metadata: Mapping[str, str]) -> str | None:
     """Under which key the metadata state a sample rate; its end is the unit."""
     return next((key for key in metadata if key.casefold().startswith("sample_rate")), None)
@@ -89,6 +92,28 @@ def stated_constant(head: Head, key: str, text: str, name: units.Name | None) ->
     """The source of an input that the metadata state under `key`, which says what `name` has."""
     number, written = written_number(head, key, text, name)
     return Source(f"metadata {key!r}", "", constant=number, written=written)
+
+
+def overruled(head: Head, constants: Mapping[str, Source], path: str) -> tuple[str, ...]:
+    """A warning on each constant of the mapping file at `path` that a file's metadata state otherwise."""
+    found = []
+    for key, text in head.metadata.items():
+        name = units.parse_name(label := labelled(key, text))
+        known = constants.get(name.quantity) if name and units.is_key(label) else None
+        if name is None or known is None or not units.same_kind(name.unit, known.unit):
+            continue
+        try:
+            value = float(units.convert(metadata_number(head, key, text, name), name.unit, known.unit))
+        except LogError:
+            continue  # what is no number states nothing else
+        peak = {"rms": 2**0.5, "pp": 0.5}
+        ratio = peak.get(name.amplitude, 1.0) / peak.get(known.amplitude, 1.0)
+        if not math.isclose(value * ratio, known.constant or 0.0, rel_tol=ALIKE):
+            found.append(
+                f"metadata {key!r} states {text}, and [constants] of {path} {known.written} {known.unit},"
+                " which is taken; leave it out there, and each file's own is read"
+            )
+    return tuple(found)
 
 
 def constants_beside(
