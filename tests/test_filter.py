@@ -26,7 +26,7 @@ LOCKIN_TAU, SPACING, ROWS = 5e-5, 5e-5, 160
 LEVELS = np.repeat([60.0, 100.0, 30.0, 80.0], ROWS // 4)
 
 
-def through(order, feedthrough, state):
+def through(order, feedthrough, state, levels=LEVELS):
     """(n,) what the filter's last pole shows just before each row's inputs act; `state` at the first row: of
     the plant, the filter's poles."""
     a = np.zeros((order + 2, order + 2), complex)  # plant, poles, drive
@@ -36,7 +36,7 @@ def through(order, feedthrough, state):
         a[k, k] = -1 / LOCKIN_TAU
         a[k, k - 1] = 1 / LOCKIN_TAU
     step, z, found = expm(a * SPACING), np.append(state, 0.0).astype(complex), []
-    for volts in LEVELS:
+    for volts in levels:
         found.append(z[-2])
         z[-1] = volts
         z = step @ z
@@ -74,6 +74,25 @@ def test_what_the_filter_holds_at_the_first_row_is_no_feedthrough(seeds, order, 
             ]
         )
     assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds, 3))  # G is covered too often by design
+
+
+@pytest.mark.parametrize("order", [study(1), study(2), 4])
+@seeds(2, 20)
+def test_a_decay_from_the_row_on_where_the_drive_ended(seeds, order):
+    """The filter holds what had settled, and no decay: taken for one since ever the log had one or two other
+    resonances."""
+    z, a = [], -1 / TAU + 2j * np.pi * (F0 - DRIVEN)
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        clean = through(order, 0.0, np.full(order + 1, -G / TAU * 60.0 / a), np.zeros(ROWS))
+        rows = clean + 2e-3 * (rng.standard_normal(ROWS) + 1j * rng.standard_normal(ROWS))
+        given = {"time": SPACING * np.arange(ROWS), "frequency": np.full(ROWS, DRIVEN), "kind": "transient"}
+        bench = {"lockin_tau_s": LOCKIN_TAU, "lockin_order": order}
+        fit = sysid.fit([sysid.Log("decay", rows, sampling="instant", bench=bench, **given)])
+        assert fit.result.name == "successful" and not fit.findings, fit.warnings
+        p = fit.parameters
+        z.append([(p[n].value - truth) / p[n].std for n, truth in (("tau", TAU), ("f0", F0))])
+    assert np.all(np.sqrt(np.mean(np.square(z), axis=0)) < most(seeds, 2))
 
 
 def test_it_is_not_reported_as_a_quantity_of_the_bench():

@@ -9,7 +9,6 @@ from sysid.tables import units
 from sysid.tables.cells import amount, to_number
 from sysid.tables.csvfile import Head, LogError
 
-
 ALIKE = 1e-6  # by which numbers that are written twice differ where they are the same
 
 

@@ -71,9 +71,9 @@ def demodulate(
 
     frequency: (n,) Hz, stated; it names the frequencies where the drive bears it out. delay (s): by which the
     response is behind the drive. tau (s), order: one-pole filters that the response passes besides.
-    derivative: of which order the samples are one of w, 1 of a velocity, and Wd + j Wq still that of w. Raises LogError when time is not
-    even, periods are few or sampled too seldom, the drive is no carrier that holds, or a stated frequency is
-    another than the drive's.
+    derivative: of which order the samples are one of w, 1 of a velocity, and Wd + j Wq still that of w.
+    Raises LogError when time is not even, periods are few or sampled too seldom, the drive is no carrier that
+    holds, or a stated frequency is another than the drive's.
     """
     if (odd := uneven(time)) is not None:
         raise LogError(

@@ -159,7 +159,7 @@ class Trial(Record):
     def shapes(self) -> dict[str, np.ndarray]:
         """Known shapes (n,) of what the bench adds, by name: an offset; feedthrough of the drive and, over a
         sweep, its slope (per Hz); a baseline that drifts (per s); what a lock-in's filter still holds from
-        before a log that begins amid a drive."""
+        before a log that begins amid a drive, or with its end."""
         if self.bench.under is not None:
             return {"floor": self.bench.under}
         if not self.signed or (not self.driven and self.steady and not self.resonant):
@@ -183,7 +183,7 @@ class Trial(Record):
                 shapes["feedthrough"] = self._filtered()
             if "baseline" in self.nuisances:
                 shapes["baseline"] = self.log.time - self.log.time[0]
-            if self.start_free and drive[0]:
+            if self.start_free and (drive[0] or not self.driven):
                 shapes |= self._remembered()
         return {name: shape for name, shape in shapes.items() if np.any(shape)}
 
