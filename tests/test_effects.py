@@ -251,6 +251,17 @@ def damped_by_warmth(rng):
     return [dataclasses.replace(log, name=f"sweep {k}") for k, log in enumerate(logs)]
 
 
+def stronger_by_warmth(rng):
+    """Sweeps at three temperatures of a plate whose force, mass and damping stay, m w'' + c w' + k w = F: W is
+    j F/(k - m omega^2 + j c omega), at f0 as F/(c omega0)."""
+    f, logs = F0 + np.linspace(-500, 500, 81), []
+    for warmer in (-30.0, 0.0, 30.0):
+        w, w0 = 2 * np.pi * f, 2 * np.pi * (F0 - 12 * warmer)
+        y = 2j * (2 * np.pi * F0) / TAU / (w0**2 - w**2 + 2j * w / TAU)
+        logs += swept(rng, f, noisy(rng, y, 0.002), temperature=np.full(81, 24.0 + warmer))
+    return [dataclasses.replace(log, name=f"sweep {k}") for k, log in enumerate(logs)]
+
+
 def between_rows(rng):
     """A burst that begins and ends between rows, by unlike shares of one."""
     t, pole, (on, off) = 2e-4 * np.arange(260), -1 / TAU + 2j * np.pi * 8, (20.35 * 2e-4, 120.8 * 2e-4)
@@ -290,7 +301,7 @@ KINDS = {
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
     "drive_overshoot": overdriven,
-    "temperature_damping": damped_by_warmth, "tone": hummed,
+    "temperature_damping": damped_by_warmth, "temperature_gain": stronger_by_warmth, "tone": hummed,
     "duffing of a step": softened_step, "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip
 

@@ -286,7 +286,8 @@ class _Adoption:
         """Evidence that these groups of logs are each of a plate of its own, one of which is that of all; of
         two, that one log is, whichever."""
         if groups not in self.parts:
-            points, which = self.search.points, float(np.log(len(self._every))) if len(groups) == 2 else 0.0
+            points, which = self.search.points, float(np.log(self.count))  # one of all that is tried
+            which += float(np.log(len(self._every))) if len(groups) == 2 else 0.0
             own = [self.by_themselves(tuple(points.trials[i] for i in group)) for group in groups]
             cost = [self.differing(s) for s in own]
             gained = sum(s.likelihood for s in own) + points.base

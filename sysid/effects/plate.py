@@ -228,6 +228,29 @@ TEMPERATURE_DAMPING = Effect(
 )
 
 
+def _warm_gained(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    more = PER_DEGREE * values[0] * (trial.inputs.warming - about.reference[1])
+    return replace(trial, inputs=trial.inputs._replace(drive=trial.inputs.drive * (1 + more)))
+
+
+def _warm_gained_said(trial: Trial, found: dict[str, Number]) -> Told:
+    more, at = found["more"], found["at"]
+    return Told(
+        f"G changes with the temperature, by {100 * more.value:+.2g} ± {pm(100 * more.std)} % per degC",
+        f"it is that at {at.value:.4g} degC; where force, mass and damping stay it goes as 1/f0",
+    )
+
+
+TEMPERATURE_GAIN = replace(
+    TEMPERATURE_DAMPING,
+    name="temperature_gain",
+    applied=_warm_gained,
+    said=_warm_gained_said,
+    shows=lambda trial: trial.resonant and trial.driven and trial.log.temperature is not None,
+    usual=True,
+)
+
+
 def _bent(trial: Trial, values: np.ndarray, about: About) -> Trial:
     away = trial.log.temperature - about.told
     return shifted(trial, "frequency", -BEND * values[0] * about.half_bandwidth * away**2)

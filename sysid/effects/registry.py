@@ -24,6 +24,7 @@ from sysid.effects.plate import (
     OFF_RESONANCE,
     OVERSHOOT,
     TEMPERATURE_DAMPING,
+    TEMPERATURE_GAIN,
 )
 from sysid.effects.sensor import AC_COUPLING, IMAGE, SATURATIONS
 from sysid.effects.stretch import STRETCH
@@ -44,6 +45,7 @@ EFFECTS: tuple[Effect, ...] = (
     DUFFING,
     *AMPLITUDE_DAMPING,
     TEMPERATURE_DAMPING,
+    TEMPERATURE_GAIN,
     CURVED,
     ASYMMETRIC,
     POWER,
