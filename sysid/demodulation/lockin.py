@@ -54,9 +54,7 @@ def blocks(
     t, omega = np.arange(n), np.broadcast_to(omega, len(start))
     found = np.empty((len(start), 3), complex)
     for k in _chunks(len(start), n):
-        found[k] = lock_in(
-            signal[start[k, None] + t], phase[k, None] + omega[k, None] * t, omega[k], order
-        )
+        found[k] = lock_in(signal[start[k, None] + t], phase[k, None] + omega[k, None] * t, omega[k], order)
     return found
 
 

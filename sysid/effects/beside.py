@@ -21,6 +21,7 @@ from sysid.trials.trial import SLOPED, Trial
 # Of the largest response: a capacitance in parallel is in quadrature; its loss, and a path that is resistive,
 # are in phase.
 CAPACITIVE, RESISTIVE = 0.3, 0.05
+WIDE = 1.5  # a ratio of frequencies, over which what is even in a velocity bends in a displacement
 SLOPING = 0.5  # of the largest response
 TONE_SIZE = 0.1  # of the largest response, in each part of what turns either way
 ROUND, MANY = 1.0, 3.0  # turns in a log: less is a drift; of fewer a bump that other things make as well
@@ -59,6 +60,48 @@ FEEDTHROUGH = Effect(
     linear=(0, 1),
     usual=True,
 )
+
+
+def _crossing(order: int) -> Effect:
+    """A path beside the plate that is even in a derivative of the response of this order, as crosstalk of an
+    accelerometer's cable, or what the whole bench moves by: 1/f^2 in a displacement. Over a narrow sweep it
+    is the background that every bench has."""
+
+    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
+        drive, f = trial.inputs.drive[trial.inputs.interval], trial.log.frequency
+        shape = drive / np.max(np.abs(drive)) * (np.min(f) / f) ** order
+        return beside(trial, values, about, shape)
+
+    def said(trial: Trial, found: dict[str, Number]) -> Told:
+        share, error = size(found)
+        what = "velocity" if order == 1 else "acceleration"
+        return Told(
+            f"beside its resonance lies what is even in the {what}, {share:.2g} ± {pm(error)} % of the"
+            " largest response at its lowest frequency",
+            "as crosstalk of cables, or of a bench that moves as a whole; sweep a narrower range",
+        )
+
+    return Effect(
+        name="crosstalk",
+        shows=lambda trial: (
+            trial.steady
+            and trial.signed
+            and trial.resonant
+            and trial.driven
+            and "background" in trial.nuisances
+            and np.max(trial.log.frequency) > WIDE * np.min(trial.log.frequency) > 0
+        ),
+        stds=lambda trial, about: np.array([1.0, 1.0]),
+        starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+        applied=applied,
+        numbers=shares,
+        said=said,
+        usual=True,
+        linear=(0, 1),
+    )
+
+
+CROSSTALK = tuple(map(_crossing, (1, 2)))
 
 
 def _sloped(trial: Trial, values: np.ndarray, about: About) -> Trial:

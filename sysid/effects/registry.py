@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from sysid.effects.beside import FEEDTHROUGH, SLOPE, TONE
+from sysid.effects.beside import CROSSTALK, FEEDTHROUGH, SLOPE, TONE
 from sysid.effects.blur import BLUR
 from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST, SCATTER
 from sysid.effects.drift import (
@@ -61,6 +61,7 @@ EFFECTS: tuple[Effect, ...] = (
     SECOND_POLE,
     FEEDTHROUGH,
     SLOPE,
+    *CROSSTALK,
     TONE,
     BLUR,
     *OFFSET_DRIFTS,

@@ -26,7 +26,7 @@ from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.parted import parted
-from sysid.logs.stated import errors, of_scattering, read_errors, stated_in
+from sysid.logs.stated import errors, of_derivative, of_scattering, read_errors, stated_in
 from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
@@ -348,7 +348,7 @@ def _errors(
     found = errors(head.path, plan, arrays, stated_errors, frequency, drive)
     if plan.quantity in SCATTERED:
         return of_scattering(_recorded(head, arrays)[0], plan, frequency, drive)
-    return found
+    return of_derivative(plan, arrays, frequency, drive) if found is None else found
 
 
 def _recorded(head: Head, arrays: dict[str, tuple[np.ndarray, str]]) -> tuple[np.ndarray, str]:

@@ -16,6 +16,7 @@ from sysid.tables.csvfile import Head, LogError
 from sysid.tables.densities import amplitude_of, is_decibel
 from sysid.tables.scattered import SCATTERED, steepness
 
+WIDE = 1.2  # a ratio of frequencies, over which noise that is even in a velocity is uneven in a displacement
 NEPER = math.log(10) / 20  # of a decibel
 Arrays = Mapping[str, tuple[np.ndarray, str]]
 
@@ -77,6 +78,19 @@ def of_scattering(
 ) -> np.ndarray:
     """(n,) standard errors of a response that is made of a scattering parameter, in which noise is even."""
     return driven(steepness(s, plan.metadata), "S", drive)[0] / (2 * np.pi * frequency)
+
+
+def of_derivative(
+    plan: Plan, arrays: Arrays, frequency: np.ndarray | None, drive: tuple[np.ndarray | None, str]
+) -> np.ndarray | None:
+    """(n,) those of a response over a wide sweep that is made of a velocity or an acceleration, in which
+    noise is even; None of another, and of decibels, in which it is even."""
+    order, name = ORDERS.get(plan.quantity, 0), next((n for n in ("x", "magnitude") if n in arrays), "")
+    if not (order and name) or frequency is None or is_decibel(plan.sources[name].unit):
+        return None
+    if not 0 < WIDE * np.min(frequency) < np.max(frequency):
+        return None
+    return driven(np.ones(len(frequency)), arrays[name][1], drive)[0] / (2 * np.pi * frequency) ** order
 
 
 def _in(

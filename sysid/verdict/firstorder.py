@@ -51,6 +51,7 @@ def _terms(
     stds = effect.stds(view.trial, about)
     places = np.zeros((1, len(stds))) if effect.places is None else effect.places(view.trial, about)
     name = f"{view.trial.log.name}: " if len(views) == 1 else ""
+    needs = [effect.shown_by(v.trial, about) for v in views.values()]
     for k, values in enumerate(places):
         shapes, shown = _shapes(effect, views, values, stds, about)
         if not shapes:
@@ -62,7 +63,7 @@ def _terms(
             place.say,
             log,
             freedom=next(iter(shapes.values())).shape[1] + (len(places) > 1),
-            shown_by=effect.shown_by(view.trial, about),
+            shown_by=needs[0] if all(needs) else "",
             expected=effect.expected and all(_even(v) for v in views.values()),
             alike=not effect.many,
             sense=place.sense,

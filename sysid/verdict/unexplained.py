@@ -150,6 +150,8 @@ def _most_shared(trial: Trial, residual: np.ndarray) -> tuple[np.ndarray, float,
     a wrong plate leaves of a sweep goes with the frequency, what moves meanwhile with the order in which it
     was recorded."""
     rows = np.flatnonzero(trial.there)
+    if (stated := trial.noise.stated) is not None:  # few rows of much noise share something by chance
+        residual = residual / stated
     orders = [rows]
     if trial.swept:
         orders = [rows[np.argsort(trial.log.frequency[rows], kind="stable")], rows]
