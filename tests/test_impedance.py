@@ -121,7 +121,7 @@ def test_an_amplitude_alone_and_the_sign_of_its_phase(save):
         ("[columns]", 'amplitude = "rms"\n[columns]', ["[columns] ", "'rms' of an impedance", "ratio"]),
         (
             "[columns]",
-            '[constants]\nvoltage = "2 V"\n[columns]',
+            '[constants]\ndrive = "2 A"\n[columns]',
             ["quantity", "[constants] voltage", "expected no drive"],
         ),
         (
@@ -258,3 +258,21 @@ def test_a_coil_in_volts_per_ampere_is_one_in_ohm(save):
     logs = [read_logs(path, columns=save(COIL.replace('"ohm"', f'"{of}"'), "map.toml"))[0] for of in units]
     np.testing.assert_allclose(logs[0].response, logs[1].response, rtol=1e-12)
     assert {(log.response_unit, log.drive_unit) for log in logs} == {("V*s", "A")}
+
+
+def test_an_impedance_may_state_its_drive(tmp_path):
+    """R1, L1 and C1 beside C0 by what an analyser shows: at 0.5 V half the charge moves, of the same plate."""
+    f = np.linspace(27400.0, 28900.0, 301)
+    w = 2 * np.pi * f
+    z = 1 / (1j * w * 3.4e-9 + 1 / (34.0 + 1j * w * 0.0867 + 1 / (1j * w * 3.69e-10)))
+    head = "Frequency(Hz),Z(Ohm),Phase(deg)"
+    found = []
+    for name, more, volts in (("plain", "", None), ("level", ",Osc Level(V)", 0.5)):
+        cells = [f, np.abs(z), np.degrees(np.angle(z)), *([] if volts is None else [np.full(301, volts)])]
+        rows = "".join(",".join(f"{c:.9g}" for c in row) + "\n" for row in zip(*cells, strict=True))
+        (tmp_path / f"{name}.csv").write_text(f"{head}{more}\n{rows}")
+        found += sysid.read_logs(tmp_path / f"{name}.csv")
+    plain, level = found
+    np.testing.assert_allclose(level.drive, 0.5)
+    np.testing.assert_allclose(level.response, 0.5 * plain.response, rtol=1e-12)
+    assert (level.response_unit, level.drive_unit) == ("C", "V")

@@ -159,8 +159,8 @@ class MappingFile:
         return self._told(Plan(sources, metadata, notes=notes, warnings=warnings), head)
 
     def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
-        """The sources of an impedance, a reflection or a transmission, with the 1 V that drives its current;
-        another drive, or another unit: LogError."""
+        """The sources of an impedance, a reflection or a transmission, with the 1 V that drives its current, or
+        of an impedance the voltage that is recorded; another drive, or another unit: LogError."""
         quantity = self.options["quantity"]
         of = "an impedance" if quantity == "impedance" else f"a {quantity}"
         for name in sources.keys() & {"x", "y", "magnitude"}:
@@ -171,16 +171,16 @@ class MappingFile:
                 fits, expected = units.is_of(source.unit, "ohm"), "ohm, kohm or Mohm"
             if not fits:
                 raise self.fail(key, f"found the unit {source.unit!r} of {of}, expected {expected}")
-            if source.amplitude != "peak":
-                raise self.fail(
-                    key, f"found amplitude {source.amplitude!r} of {of}, expected none: it is a ratio"
-                )
+            if (stated := source.amplitude) != "peak":
+                raise self.fail(key, f"found amplitude {stated!r} of {of}, expected none: it is a ratio")
         volt = Source("[constants] voltage", "V", constant=1.0)
         drives = [replace(sources[name], written="") for name in units.DRIVES if name in sources]
+        if quantity == "impedance" and drives and all(units.same_kind(x.unit, "V") for x in drives):
+            return sources
         if other := next((drive for drive in drives if drive != volt), None):
             raise self.fail(
                 "quantity",
-                f"found {other.label} beside {of}, expected no drive: its current is that of 1 V",
+                f"found {other.label} beside {of}, expected no drive: it is that of 1 V",
             )
         return sources | {"voltage": volt}
 
