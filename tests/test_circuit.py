@@ -540,3 +540,17 @@ def test_the_screen_says_once_why_numbers_are_missing(save):
     said = " ".join(file.getvalue().split())
     assert said.count("the logs hold amplitudes alone") == 1
     assert "C0, tan d, f_p, k_eff and figure of merit: cannot tell" in said
+
+
+def test_comments_of_a_touchstone_file_state_what_was_constant(tmp_path):
+    """Above its options or below them; what is no metadata stays a comment."""
+    f = np.linspace(4.99e6, 5.01e6, 101)
+    path = touchstone(tmp_path / "a.s1p", f, np.full(101, 0.5 + 0.1j), 50.0)
+    text = path.read_text()
+    for state in (
+        "! temperature_degC: 35.5\n! VNA: my own\n" + text,
+        text.replace("\n", "\n! Temperature: 35.5 C\n", 1),
+    ):
+        path.write_text(state)
+        (log,) = sysid.read_logs(path)
+        assert set(log.temperature) == {35.5}

@@ -122,7 +122,7 @@ def test_an_amplitude_alone_and_the_sign_of_its_phase(save):
         (
             "[columns]",
             '[constants]\ndrive = "2 A"\n[columns]',
-            ["quantity", "[constants] voltage", "expected no drive"],
+            ["quantity", "[constants] drive", "expected no drive"],
         ),
         (
             'frequency = "f_Hz"',

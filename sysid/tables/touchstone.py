@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.tables.csvfile import metadata_of
 from sysid.tables.scattered import ACROSS, ONE, SERIES, steepness
 from sysid.tables.store import Store, claim_text, library
 from sysid.tables.textfile import LogError
@@ -34,6 +35,7 @@ def read_touchstone(path: str, kind: str) -> Store:
             network = skrf.Network()
             network.read_touchstone(path)
             enter(store, network)
+            store.constants |= metadata_of((network.comments or "").splitlines())[0]
     except LogError:
         raise
     except Exception as error:  # the library answers damaged files with errors of many types
