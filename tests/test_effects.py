@@ -64,9 +64,10 @@ def beyond(rng):
     return swept(rng, f, noisy(rng, settled(f) - 3 * settled(f, F0 + 10 * HALF), 0.004))
 
 
-def hurried(rng):
-    """Each point after a dwell of 0.8 tau, integrated in 32 parts of it."""
+def hurried(rng, back=False):
+    """Each point after a dwell of 0.8 tau, integrated in 32 parts of it; up, and `back`."""
     f, fine = F0 + np.linspace(-500, 500, 121), 32
+    f = np.concatenate([f, f[::-1]]) if back else f
     z, rows = settled(f[0]), []
     for at in f:
         pole = -1 / TAU + 2j * np.pi * (F0 - at)
@@ -297,7 +298,7 @@ def overdriven(rng):
 
 
 KINDS = {
-    "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried,
+    "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried, "dwell there and back": lambda rng: hurried(rng, True),
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
     "drive_overshoot": overdriven,

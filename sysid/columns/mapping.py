@@ -159,8 +159,8 @@ class MappingFile:
         return self._told(Plan(sources, metadata, notes=notes, warnings=warnings), head)
 
     def _of_one_volt(self, sources: dict[str, Source]) -> dict[str, Source]:
-        """The sources of an impedance, a reflection or a transmission, with the 1 V that drives its current, or
-        of an impedance the voltage that is recorded; another drive, or another unit: LogError."""
+        """The sources of an impedance, a reflection or a transmission, with the 1 V that drives its current,
+        or the voltage that is recorded beside an impedance; another drive, or another unit: LogError."""
         quantity = self.options["quantity"]
         of = "an impedance" if quantity == "impedance" else f"a {quantity}"
         for name in sources.keys() & {"x", "y", "magnitude"}:

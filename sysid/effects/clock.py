@@ -266,10 +266,14 @@ ROWS_LOST = tuple(_lost((k + 0.5) / PLACES) for k in range(PLACES))
 
 
 def _unsettled(trial: Trial) -> bool:
-    """A sweep of settled points that may have been too fast: driven, in one direction."""
+    """A sweep of settled points that may have been too fast: driven, in one direction, or there and back."""
     if trial.signed and "background" not in trial.nuisances:
         return False  # what is left is then rather that
-    return trial.swept and trial.driven and one_way(trial) and bool(np.all(np.diff(trial.log.frequency)))
+    if not (trial.swept and trial.driven):
+        return False
+    ways = np.sign(np.diff(trial.log.frequency))
+    turns = np.count_nonzero(np.diff(ways[ways != 0]))
+    return bool(turns <= 1 and np.count_nonzero(ways == 0) <= turns)
 
 
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
