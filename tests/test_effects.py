@@ -329,6 +329,32 @@ def test_the_effect_is_adopted_and_the_plate_is_right(seeds, kind, every):
             assert abs(found.value - truth) < FAR * found.std, (seed, name, found, fit.warnings)
 
 
+def soft_and_damped(rng, volts):
+    """Settled points of (1 + 0.15 a + j (x + 0.5 a)) W = G V at x half bandwidths, a = |W|^2 in units of what
+    100 V give: a cubic in a."""
+    f, rows = F0 + np.linspace(-500, 400, 121), []
+    for x in (f - F0) / HALF:
+        a = np.roots([0.15**2 + 0.5**2, 2 * (0.15 + 0.5 * x), 1 + x**2, -((volts / 100) ** 2)])
+        a = np.min(a[np.abs(a.imag) < 1e-9].real)
+        rows.append(volts / 100 / (1 + 0.15 * a + 1j * (x + 0.5 * a)))
+    y = noisy(rng, np.array(rows), 0.004 * volts / 100)
+    return Log(f"at {volts} V", y, drive=np.full(121, volts / 100), frequency=f, kind="steady")
+
+
+@pytest.mark.parametrize("levels", [(5, 50, 100), study((100,)), study((50, 100))])
+@seeds(1, 8)
+def test_what_its_amplitude_does_to_a_plate_may_be_softening_and_damping(seeds, levels):
+    """Two parts of one law: with both no third is made up for, where the logs leave nothing else."""
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        fit = sysid.fit([soft_and_damped(rng, volts) for volts in levels])
+        assert fit.result.name == "successful", fit.warnings
+        assert {f.key for f in fit.findings if f.outcome == "fitted"} == {"duffing", "amplitude_damping"}
+        for name, truth in (("G", 1.0), ("tau", TAU), ("f0", F0)):
+            found = fit.parameters[name]
+            assert abs(found.value - truth) < FAR * found.std, (seed, name, found)
+
+
 def blurred(rng, share, power):
     """A normal distribution of the detuning: a Voigt profile, by the Faddeeva function."""
     f = F0 + np.linspace(-500, 500, 161)

@@ -345,9 +345,10 @@ def _rough(found: Description) -> bool:
 
 
 def _entangled(best: Description) -> bool:
-    """Whether two effects of different kinds are in one log, beside what any bench has: they may make up for
-    a third that is none of them."""
-    each = [(x.effect.name, i) for x in best.instances for i in x.where if not x.effect.usual]
+    """Whether two effects of different kinds are in one log, beside what any bench has and parts of one law
+    of the plate: they may make up for a third that is none of them."""
+    effects = [(x.effect, x.where) for x in best.instances if not x.effect.usual]
+    each = [(effect.law or effect.name, i) for effect, where in effects for i in where]
     return any(i == k and name != other for (name, i), (other, k) in combinations(each, 2))
 
 

@@ -17,7 +17,6 @@ from sysid.effects.effect import (
     in_order,
     lasted,
     nowhere,
-    one_way,
     shifted,
     undone,
 )

@@ -127,10 +127,11 @@ class Effect:
     `vague`: whether in such a log, with such numbers, it may look like anything, so that all others are
     tried as well. `hop`: of numbers that a log follows in steps, but for linear ones, where they had
     better be, seen from the plate near by. `settles`: it follows the plate that is fitted beside it,
-    until both settle. `steps`: (d,) over which the response changes with its numbers, where it does so
-    from row to row. `leaves`: (6,) standard deviations of theta that it leaves open, where all driven
-    logs have it as a given one does. `makes_sense`: whether numbers as they are fitted are those of the
-    effect; unless stated, whether one that is linear is seen at all."""
+    until both settle. `law`: of the plate, of which several are parts, as of what its amplitude does.
+    `steps`: (d,) over which the response changes with its numbers, where it does so from row to row.
+    `leaves`: (6,) standard deviations of theta that it leaves open, where all driven logs have it as a given
+    one does. `makes_sense`: whether numbers as they are fitted are those of the effect; unless stated,
+    whether one that is linear is seen at all."""
 
     name: str
     shows: Callable[[Trial], bool]
@@ -145,6 +146,7 @@ class Effect:
     another: bool = False
     afresh: Callable[[Trial], bool] = lambda trial: False
     stretched: Callable[[Trial, np.ndarray, About], float] = lambda trial, values, about: 0.0
+    law: str = ""
     linear: tuple[int, ...] = (0,)
     places: Callable[[Trial, About], np.ndarray] | None = None
     known_as: Sequence[str] = ()

@@ -66,6 +66,7 @@ def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 DUFFING = Effect(
     name="duffing",
+    law="amplitude",
     shows=resonating,
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
@@ -176,6 +177,7 @@ def _amplitude_damped(power: int) -> Effect:
 
     return Effect(
         name="amplitude_damping",
+        law="amplitude",
         shows=shows,
         stds=lambda trial, about: np.array([1.0]),
         starts=lambda trial, about: MORE[:, None],
@@ -214,6 +216,7 @@ def _warm_damped_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 TEMPERATURE_DAMPING = Effect(
     name="temperature_damping",
+    law="temperature",
     shows=lambda trial: trial.resonant and trial.log.temperature is not None,
     stds=lambda trial, about: np.array([1.0]),
     starts=lambda trial, about: np.zeros((1, 1)),  # it is linear
@@ -269,6 +272,7 @@ def _bent_said(trial: Trial, found: dict[str, Number]) -> Told:
 # or two it is no more than another f0 and k_T.
 CURVED = Effect(
     name="curved",
+    law="temperature",
     shows=lambda trial: trial.resonant and trial.log.temperature is not None,
     stds=lambda trial, about: np.array([1.0]),
     starts=lambda trial, about: np.concatenate([-BENDS, [0.0], BENDS])[:, None],
