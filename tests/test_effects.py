@@ -337,7 +337,7 @@ def soft_and_damped(rng, volts):
         a = np.roots([0.15**2 + 0.5**2, 2 * (0.15 + 0.5 * x), 1 + x**2, -((volts / 100) ** 2)])
         a = np.min(a[np.abs(a.imag) < 1e-9].real)
         rows.append(volts / 100 / (1 + 0.15 * a + 1j * (x + 0.5 * a)))
-    y = noisy(rng, np.array(rows), 0.004 * volts / 100)
+    y = noisy(rng, np.array(rows), 0.004)
     return Log(f"at {volts} V", y, drive=np.full(121, volts / 100), frequency=f, kind="steady")
 
 
