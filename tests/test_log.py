@@ -791,8 +791,26 @@ def test_an_equals_sign_states_metadata_too(save):
     assert (first.temperature, second.temperature[0]) == (None, 60.0)
 
 
+def test_one_log_of_several_may_state_its_phase(save):
+    """Whatever a mapping file says of all of them."""
+    plain = read_one(save(HEADER + ROWS, "plain.csv")).response
+    turned = save("# phase_sign: -1\n" + HEADER + ROWS, "turned.csv")
+    np.testing.assert_array_equal(read_one(turned).response, plain.conj())
+    columns = save("phase_sign = -1\n", "map.toml")
+    every = save("# phase_sign: 1\n" + HEADER + ROWS, "every.csv")
+    np.testing.assert_array_equal(read_one(every, columns=columns).response, plain)
+    assert read_one(turned).warnings == ()
+    refused(save("# phase_sign: up\n" + HEADER + ROWS, "up.csv"), "'phase_sign'", "'up'", "1 or -1")
+
+
+def test_an_amplitude_beside_its_parts_is_kept_out(save):
+    log = read_one(save("time_s,w_um,wd_um,wq_um\n0,5,3,4\n1,5,3,4\n"))
+    assert log.response.tolist() == [3 + 4j] * 2
+    assert log.notes == ("w_um is kept out: wd and wq tell it",)
+
+
 @pytest.mark.parametrize(
-    "line", ["phase_sign: -1", "Phase sign = -1", "phase_offset_deg: 30", "amplitude: rms"]
+    "line", ["Phase sign: -1", "Phase sign = -1", "phase_offset_deg: 30", "amplitude: rms"]
 )
 def test_an_option_of_a_mapping_file_in_the_metadata_is_a_warning(save, line):
     (said,) = read_one(save(f"# {line}\n" + HEADER + ROWS)).warnings

@@ -13,7 +13,7 @@ from sysid.columns.factors import not_applied
 from sysid.columns.found import TAKEN, Undecided, as_drafted, completed, with_preset
 from sysid.columns.labels import parse
 from sysid.columns.mapping import MappingFile
-from sysid.columns.metadata import labelled, rate_key, refuse_repeated, stated_constant
+from sysid.columns.metadata import labelled, rate_key, refuse_repeated, stated, stated_constant
 from sysid.columns.plan import ERRORS, Plan, Source, is_absent
 from sysid.columns.preset import recognised
 from sysid.columns.synonyms import (
@@ -41,6 +41,7 @@ from sysid.tables.cells import SHOWN, amount, listed
 from sysid.tables.csvfile import Head, LogError
 from sysid.tables.densities import amplitude_of, is_decibel, level_of_volts
 
+SIGNS = {"1": 1, "+1": 1, "-1": -1}  # of a phase, as metadata state it
 INPUTS = ("time", "frequency", "temperature", "force")
 WHOLE = ("wd", "wq", "w", "response")
 VOLTS = re.compile(r"[numk]?V")
@@ -84,8 +85,8 @@ def _found(head: Head, mapping: MappingFile, notes: Iterable[str], usual: tuple[
     `usual`."""
     plan = file_plan(head, mapping)
     drive = next((plan.sources[name] for name in units.DRIVES if name in plan.sources), None)
-    stated = drive is not None and (parse(drive.label).amplitude or level_of_volts(drive.unit))
-    names = {"amplitude": "amplitude of the response" if stated else "amplitude" if drive else ""}
+    known = drive is not None and (parse(drive.label).amplitude or level_of_volts(drive.unit))
+    names = {"amplitude": "amplitude of the response" if known else "amplitude" if drive else ""}
     told = [TAKEN[name] for key in usual if (name := names.get(key, key)) in TAKEN]
     return (
         head,
@@ -102,7 +103,11 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
         plan = mapping.beside(contract_plan(dataclasses.replace(head, metadata=mapping.metadata(head))), head)
     else:
         plan = contract_plan(head)
-    refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate"))
+    refuse_repeated(head, plan.metadata, ("kind", "sampling", "plate", "phase_sign"))
+    if (sign := stated(head.metadata, "phase_sign")) is not None:  # of this log, whatever that of others
+        if sign not in SIGNS:
+            raise LogError(f"{head.path}, metadata 'phase_sign': found {sign!r}, expected 1 or -1")
+        plan = dataclasses.replace(plan, phase_sign=SIGNS[sign])
     if plan.quantity not in ("impedance", "velocity"):  # which the voltage of a coil in a magnet shows
         _refuse_ohms(head, plan, mapping)
     return dataclasses.replace(
@@ -222,6 +227,8 @@ def contract_plan(head: Head) -> Plan:
             head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
         )
         notes += add_time(head, unknown, sources)
+        if sources.keys() >= {"w", "wd", "wq"}:
+            notes.append(f"{sources.pop('w').label} is kept out: wd and wq tell it")
         _check_understood(head, sources)
     notes += _kept_out(head, [label for label in unknown if label], sources)
     notes += [

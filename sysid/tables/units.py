@@ -47,7 +47,7 @@ QUANTITIES = (
 )
 DRIVES = ("voltage", "drive", "duty")  # of which a log has one
 CONSTANTS = ("temperature", "frequency", "force", *DRIVES)  # what may be constant over a log
-WORDS = ("kind", "sampling", "plate", "volts_per_duty")  # metadata without a unit
+WORDS = ("kind", "sampling", "plate", "phase_sign", "volts_per_duty")  # metadata without a unit
 BENCH_TIMES = (
     "lockin_tau",
     "lockin_boxcar",

@@ -145,7 +145,10 @@ def stamps_shared(trial: Trial) -> int:
     return int(np.count_nonzero(time[1:] == time[:-1]))
 
 
-SAY_SO = "say so by a mapping file (--columns) of the line phase_sign = -1"
+SAY_SO = (
+    "say so by a mapping file (--columns) of the line phase_sign = -1, or for one log by `# phase_sign: -1`"
+    " above its header"
+)
 
 
 UNSAID = (
