@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from conftest import most, sampled, seeds, study
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.signal import lfilter, lombscargle
 from scipy.special import wofz
 
@@ -75,6 +76,22 @@ def hurried(rng, back=False):
             z = settled(at) + (z - settled(at)) * np.exp(pole * 0.8 * TAU / fine)
         rows.append(z)
     return swept(rng, f, noisy(rng, np.array(rows), 0.005))
+
+
+def unsettled_filter(rng):
+    """A sweep with its times, 6 tau a point, behind four poles of 1.5 tau each: plate and filter by a matrix
+    exponential."""
+    f, dwell, of = F0 + np.linspace(-500, 500, 101), 6 * TAU, 1.5 * TAU
+    z, rows = np.zeros(5, complex), []
+    for at in f:
+        a = np.zeros((6, 6), complex)
+        a[0, 0], a[0, 5] = -1 / TAU + 2j * np.pi * (F0 - at), 1 / TAU
+        for k in range(1, 5):
+            a[k, k - 1], a[k, k] = 1 / of, -1 / of
+        z = (expm(a * dwell) @ np.append(z, 1.0))[:5]
+        rows.append(z[4])
+    given = {"time": dwell * (1 + np.arange(101)), "drive": np.ones(101), "frequency": f, "kind": "steady"}
+    return [Log("sweep", noisy(rng, np.array(rows), 0.0005), **given)]
 
 
 def softened(rng):
@@ -298,7 +315,7 @@ def overdriven(rng):
 
 
 KINDS = {
-    "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried, "dwell there and back": lambda rng: hurried(rng, True),
+    "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried, "filter of a sweep": unsettled_filter, "dwell there and back": lambda rng: hurried(rng, True),
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
     "drive_overshoot": overdriven,

@@ -52,6 +52,12 @@ def _timed(trial: Trial) -> bool:
     return moved and "late" in trial.nuisances
 
 
+def _timed_sweep(trial: Trial) -> bool:
+    """A sweep of settled points with the time of each, which may be behind a filter that has not settled."""
+    timed = trial.swept and trial.driven and trial.log.time is not None and trial.log.theta is None
+    return timed and "late" in trial.nuisances and bool(np.all(np.diff(trial.log.time) > 0))
+
+
 def _on_time(trial: Trial) -> Trial:
     """The trial whose lateness is known, with as little feedthrough as a bench has."""
     narrow = trial.bench.narrow | {"feedthrough": THROUGH * trial.scale}
@@ -96,10 +102,16 @@ def _filter(order: int) -> Effect:
     def shows(trial: Trial) -> bool:
         # means over longer than the stated filter would have to be of fewer rows
         own = trial.whole is None or trial.spacing <= abs(trial.smoothing[0])
-        return _timed(trial) and trial.signed and own
+        return (_timed(trial) or _timed_sweep(trial)) and trial.signed and own
+
+    def starts(trial: Trial, about: About) -> np.ndarray:
+        # a sweep waits for its points: of what is over before the next one it shows nothing
+        told = FILTERED * ENOUGH * about.tau > trial.spacing if trial.steady else FILTERED > 0
+        return FILTERED[told, None]
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
+        trial = _as_transient(trial, trial.log.time) if trial.steady else trial
         if trial.resonant:  # one that is shorter than a radian of the carrier leaves the carrier
             time = max(time, 1 / (2 * np.pi * float(np.max(trial.log.frequency))))
         return _on_time(trial).with_bench(filter=(time, order))
@@ -139,7 +151,7 @@ def _filter(order: int) -> Effect:
         name="filter",
         shows=shows,
         stds=lambda trial, about: np.array([1.0]),
-        starts=lambda trial, about: FILTERED[:, None],
+        starts=starts,
         applied=applied,
         numbers=numbers,
         said=said,
@@ -265,10 +277,11 @@ ROWS_LOST = tuple(_lost((k + 0.5) / PLACES) for k in range(PLACES))
 
 
 def _unsettled(trial: Trial) -> bool:
-    """A sweep of settled points that may have been too fast: driven, in one direction, or there and back."""
+    """A sweep of settled points that may have been too fast: driven, in one direction, or there and back, and
+    without times, which tell how long it dwelt."""
     if trial.signed and "background" not in trial.nuisances:
         return False  # what is left is then rather that
-    if not (trial.swept and trial.driven):
+    if not (trial.swept and trial.driven) or _timed_sweep(trial):
         return False
     ways = np.sign(np.diff(trial.log.frequency))
     turns = np.count_nonzero(np.diff(ways[ways != 0]))
@@ -276,9 +289,15 @@ def _unsettled(trial: Trial) -> bool:
 
 
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
-    """The trial as a transient of that dwell; what a recorder spoilt was found once, and stays out."""
-    time = max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log))
-    log = replace(trial.log, time=time, kind="transient", sampling="settled")
+    """The trial as a transient of that dwell."""
+    return _as_transient(trial, max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log)))
+
+
+def _as_transient(trial: Trial, time: np.ndarray) -> Trial:
+    """A sweep as a transient of these times (n,), which is not late: its own frequencies are its clock. What
+    a recorder spoilt was found once, and stays out."""
+    bench = {"delay_s": 0.0, **trial.log.bench}
+    log = replace(trial.log, time=time, kind="transient", sampling="settled", bench=bench)
     new = Trial.of(log, "transient", trial.nuisances, np.zeros(len(log), bool))
     if len(new.log) == len(trial.log):
         there = new.there & trial.there
