@@ -299,14 +299,15 @@ def hummed(rng):
     return [Log("step", y, t, volts, frequency, kind="transient", sampling="instant")]
 
 
-def overdriven(rng):
-    """A step whose drive is 25 % too high at first, exp(-t/T) of that with T of 0.8 ms, beside a sweep:
+def overdriven(rng, level=1.0):
+    """A step whose drive is 25 % too high at first, exp(-t/T) of that with T of 0.8 ms, beside a sweep, and
+    settles at that share of what is recorded:
 
     w/G = 1 - exp(a t) - a s (exp(a t) - exp(-t/T))/(a + 1/T)"""
     t, off, share, time = 1e-4 * (np.arange(300) - 20), 8.0, 0.25, 0.8e-3
     pole, after = -1 / TAU + 2j * np.pi * off, np.maximum(t, 0.0)
     more = share * (np.exp(pole * after) - np.exp(-after / time)) / (pole + 1 / time)
-    y = settled(F0 - off) * (-np.expm1(pole * after) - pole * more)
+    y = level * settled(F0 - off) * (-np.expm1(pole * after) - pole * more)
     volts = np.where(t < -1e-12, 0.0, 1.0)
     given = {"time": t, "drive": volts, "frequency": np.full(300, F0 - off), "kind": "transient"}
     f = F0 + np.linspace(-500, 500, 101)
@@ -318,7 +319,7 @@ KINDS = {
     "feedthrough": fed_through, "second_mode": two_modes, "second_mode of amplitudes": two_modes_of_amplitude, "dwell": hurried, "filter of a sweep": unsettled_filter, "dwell there and back": lambda rng: hurried(rng, True),
     "duffing": softened, "delay": late, "f0_drift": drifting, "self_heating": heated, "thermometer_lag": behind_its_plate,
     "offset_drift": creeping, "amplitude_damping": damped, "phase_delay": cabled, "image": unlike, "ac_coupling": coupled, "edges": between_rows,
-    "drive_overshoot": overdriven,
+    "drive_overshoot": overdriven, "drive_overshoot of a supply that sags": lambda rng: overdriven(rng, 0.8),
     "temperature_damping": damped_by_warmth, "temperature_gain": stronger_by_warmth, "tone": hummed,
     "duffing of a step": softened_step, "duffing beside a feedthrough": softened_beside_a_feedthrough, "second_mode of a decay": beating, "second_mode outside of a sweep": beyond,
 }  # fmt: skip

@@ -6,7 +6,18 @@ from itertools import product
 
 import numpy as np
 
-from sysid.effects.effect import LEAST_ROWS, SEEN, SWEEP, About, Effect, Fitted, Told, always, positive
+from sysid.effects.effect import (
+    LEAST_ROWS,
+    SEEN,
+    SWEEP,
+    About,
+    Effect,
+    Fitted,
+    Told,
+    always,
+    nowhere,
+    positive,
+)
 from sysid.effects.number import Number, number, pm
 from sysid.model.theta import NAMES
 from sysid.rows.hold import cut
@@ -175,4 +186,33 @@ DRIVE_OVERSHOOT = Effect(
     shown_by=lambda trial, about: SWEEP if _steps(trial) else "",
     leaves=_either_level,
     makes_sense=_overshoots,
+)
+
+
+def _sagged(trial: Trial, values: np.ndarray, about: About) -> Trial:
+    """The same of a drive that begins as it is recorded, and is lower once it has settled."""
+    over = _overshot(trial, values, about)
+    level = 1 / (1 + max(float(values[0]), 0.0))
+    return replace(over, inputs=over.inputs._replace(drive=level * over.inputs.drive))
+
+
+def _sagged_said(trial: Trial, found: dict[str, Number]) -> Told:
+    over, time = found["over"], found["time_s"]
+    return Told(
+        f"its drive sags from what is recorded by {100 * over.value / (1 + over.value):.2g} ±"
+        f" {pm(100 * over.std)} % of each change, within about {time.value:.2g} s",
+        "record the drive as the plate gets it, or wait with the response until the drive has settled",
+    )
+
+
+# Which of the two levels is recorded only other logs tell.
+DRIVE_SAG = replace(
+    DRIVE_OVERSHOOT,
+    applied=_sagged,
+    said=_sagged_said,
+    relative=True,
+    places=nowhere,
+    known_as=("drive_overshoot",),
+    shown_by=lambda trial, about: "",
+    leaves=lambda trial, values: np.zeros(len(NAMES)),
 )

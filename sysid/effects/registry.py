@@ -13,7 +13,7 @@ from sysid.effects.drift import (
     SELF_HEATING,
     THERMOMETER_LAGS,
 )
-from sysid.effects.drive import COMPRESSED, DEAD_BAND, DRIVE_OVERSHOOT, LIMIT, POWER
+from sysid.effects.drive import COMPRESSED, DEAD_BAND, DRIVE_OVERSHOOT, DRIVE_SAG, LIMIT, POWER
 from sysid.effects.effect import Effect
 from sysid.effects.mode import SECOND_MODE, SECOND_POLE
 from sysid.effects.plate import (
@@ -53,6 +53,7 @@ EFFECTS: tuple[Effect, ...] = (
     LIMIT,
     COMPRESSED,
     DRIVE_OVERSHOOT,
+    DRIVE_SAG,
     SCATTER,
     *F0_DRIFTS,
     SELF_HEATING,
