@@ -30,7 +30,7 @@ rows       clock onset dwell hold rounding thermometer lost glitch condense leve
 model      carry plant span rice theta experiment course nuisances amplitude likelihood prior
 trials     noise whitening bench record trial experiment heat perturbed projected mixed jitter extra rounds rounded residuals renew whole
 minimum    guess search start images descent minimise ridge
-effects    number effect clock plate drive sensor drift mode beside blur stretch registry
+effects    number effect clock filter plate drive sensor drift mode beside blur stretch registry
 verdict    result finding identify low_pass wording recorder unexplained flank fitted determined linearised lone gain_confounding immediate
            sensor_delay differing term firstorder timing between throughout terms linear lines averaged misfit amplitude_offset
            inconsistent_log conjugate_phase remains conclusion ownership decay bench comparison

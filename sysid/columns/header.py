@@ -189,8 +189,7 @@ def contract_plan(head: Head) -> Plan:
     """The plan for a file whose names follow the contract. Raises LogError with a mapping file to start
     from."""
     sources: dict[str, Source] = {}
-    notes = list(head.notes)
-    unknown = []
+    notes, unknown = list(head.notes), list[str]()
     waveform = is_waveform(head)
     for index, label in enumerate(head.names):
         of_errors, says = _of_errors(label), head.says(index)
@@ -227,8 +226,7 @@ def contract_plan(head: Head) -> Plan:
             head, sources, unknown, [units.DRIVES, ("w", "wd"), ("w", "wq"), *((name,) for name in INPUTS)]
         )
         notes += add_time(head, unknown, sources)
-        if sources.keys() >= {"w", "wd", "wq"}:
-            notes.append(f"{sources.pop('w').label} is kept out: wd and wq tell it")
+        notes += _told_twice(sources)
         _check_understood(head, sources)
     notes += _kept_out(head, [label for label in unknown if label], sources)
     notes += [
@@ -307,6 +305,12 @@ def _without_unit(head: Head, sources: Mapping[str, Source]) -> list[str]:
     return [
         f"metadata {key!r} has no unit and is kept out; write it as in temperature_degC" for key in kept_out
     ]
+
+
+def _told_twice(sources: dict[str, Source]) -> list[str]:
+    """Leave out an amplitude beside its parts; a note on it."""
+    twice = sources.keys() >= {"w", "wd", "wq"}
+    return [f"{sources.pop('w').label} is kept out: wd and wq tell it"] if twice else []
 
 
 def _check_waveform(head: Head, sources: dict[str, Source], unknown: list[str]) -> None:

@@ -1,21 +1,17 @@
-"""What is the matter with the time of a log: a delay before the response, a filter behind it, a sweep that
-was not waited for, a phase that falls along a sweep."""
+"""What is the matter with the time of a log: a delay before the response, a sweep that was not waited for, a
+phase that falls along a sweep."""
 
 from dataclasses import replace
 from functools import lru_cache
-from math import factorial
 
 import numpy as np
 
 from sysid.effects.effect import (
-    SEEN,
     About,
     Effect,
-    Fitted,
     Told,
     course,
     in_order,
-    lasted,
     nowhere,
     shifted,
     undone,
@@ -28,7 +24,6 @@ from sysid.trials.trial import Trial, with_noise
 
 ROWS = np.array([-2.0, -1.0, 1.0, 2.0, 4.0, 8.0])  # by which a log may be late, or early
 TAUS = np.array([0.02, 0.06, 0.2, 0.5, 1.0, 2.0])
-FILTERED = np.array([0.03, 0.1, 0.3, 1.0, 3.0])  # of tau, the delay of all poles of a filter
 LEAST = 1e-3  # of tau: of a filter and of a dwell, which are not negative
 # of the response: in a step a delay of less than a row looks like a gain and a feedthrough that cancel
 THROUGH = 0.03
@@ -46,19 +41,19 @@ WHOLLY = 0.5  # by which a share is nearer to all than to nothing
 PHASES = np.array([0.1, 0.3, 1.0, 3.0, 6.0])  # rad from one end of a sweep to the other
 
 
-def _timed(trial: Trial) -> bool:
+def timed(trial: Trial) -> bool:
     """A transient whose inputs change, of which it is not known how late it is."""
     moved = not trial.steady and trial.driven and trial.changes > 0 and trial.log.theta is None
     return moved and "late" in trial.nuisances
 
 
-def _timed_sweep(trial: Trial) -> bool:
+def timed_sweep(trial: Trial) -> bool:
     """A sweep of settled points with the time of each, which may be behind a filter that has not settled."""
     timed = trial.swept and trial.driven and trial.log.time is not None and trial.log.theta is None
     return timed and "late" in trial.nuisances and bool(np.all(np.diff(trial.log.time) > 0))
 
 
-def _on_time(trial: Trial) -> Trial:
+def on_time(trial: Trial) -> Trial:
     """The trial whose lateness is known, with as little feedthrough as a bench has."""
     narrow = trial.bench.narrow | {"feedthrough": THROUGH * trial.scale}
     return trial.with_bench(narrow=narrow, extra={}, resonance=None, late=0.0)
@@ -67,7 +62,7 @@ def _on_time(trial: Trial) -> Trial:
 def _delayed(trial: Trial, values: np.ndarray, about: About) -> Trial:
     delay = trial.log.bench.get("delay_s", 0.0) + float(values[0])
     log = replace(trial.log, bench={**trial.log.bench, "delay_s": delay})
-    return replace(_on_time(trial), log=log, inputs=read_at(trial.inputs, log.time, delay, trial.start_free))
+    return replace(on_time(trial), log=log, inputs=read_at(trial.inputs, log.time, delay, trial.start_free))
 
 
 def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
@@ -82,7 +77,7 @@ def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 DELAY = Effect(
     name="delay",
-    shows=_timed,
+    shows=timed,
     stds=lambda trial, about: np.array([max(about.tau, ROWS[-1] * trial.spacing)]),
     starts=lambda trial, about: np.append(ROWS * trial.spacing, TAUS * about.tau)[:, None],
     applied=_delayed,
@@ -95,78 +90,6 @@ DELAY = Effect(
 )
 
 
-def _filter(order: int) -> Effect:
-    """A lock-in's filter of so many poles, that no log states, or another than is stated. Its number: the
-    delay of all poles together, in tau."""
-
-    def shows(trial: Trial) -> bool:
-        # means over longer than the stated filter would have to be of fewer rows
-        own = trial.whole is None or trial.spacing <= abs(trial.smoothing[0])
-        return (_timed(trial) or _timed_sweep(trial)) and trial.signed and own
-
-    def starts(trial: Trial, about: About) -> np.ndarray:
-        # a sweep waits for its points: of what is over before the next one it shows nothing
-        told = FILTERED * ENOUGH * about.tau > trial.spacing if trial.steady else FILTERED > 0
-        return FILTERED[told, None]
-
-    def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        time = max(float(values[0]), LEAST) * about.tau / order
-        trial = _as_transient(trial, trial.log.time) if trial.steady else trial
-        if trial.resonant:  # one that is shorter than a radian of the carrier leaves the carrier
-            time = max(time, 1 / (2 * np.pi * float(np.max(trial.log.frequency))))
-        return _on_time(trial).with_bench(filter=(time, order))
-
-    def stated(values: np.ndarray, about: About) -> dict[str, float]:
-        return {"lockin_tau_s": max(float(values[0]), LEAST) * about.tau / order, "lockin_order": order}
-
-    def colour(values: np.ndarray, about: About, apart: np.ndarray) -> np.ndarray:
-        """Of white noise behind p equal poles (Matern's of order p - 1/2; Rasmussen & Williams, Gaussian
-        Processes, 2006, 4.16)."""
-        x, p = apart / stated(values, about)["lockin_tau_s"], order - 1
-        each = ((factorial(p + i) / factorial(i) / factorial(p - i), p - i) for i in range(p + 1))
-        return np.exp(-x) * factorial(p) / factorial(2 * p) * sum(c * (2 * x) ** k for c, k in each)
-
-    def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
-        time = number(values[0], stds[0], "s", about.tau / order)
-        if trial.whole is not None:  # means hide where within them it acts
-            time = time._replace(std=float(np.hypot(time.std, trial.spacing / (12**0.5 * order))))
-        return {"lockin_tau_s": time, "lockin_order": number(order, 0.0, "1")}
-
-    def said(trial: Trial, found: dict[str, Number]) -> Told:
-        poles, time = f"{order} poles" if order > 1 else "one pole", found["lockin_tau_s"]
-        bench = trial.log.bench  # where what was found may have been entered
-        another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
-        another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
-        says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
-        what = f"{says} one of {poles} of {time.value:.3g} ± {pm(time.std)} s"
-        return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
-
-    def makes_sense(trial: Trial, fitted: Fitted) -> bool:
-        # without a frequency either of two poles may be the plant's, and the slower one is taken for it
-        mirrored = not trial.resonant and fitted.values[0] * fitted.before > order * fitted.tau
-        # nor is it one of a plant that the log does not last for: such a one is whatever the filter is not
-        return fitted.positive() and not mirrored and fitted.tau < lasted(trial)
-
-    return Effect(
-        name="filter",
-        shows=shows,
-        stds=lambda trial, about: np.array([1.0]),
-        starts=starts,
-        applied=applied,
-        numbers=numbers,
-        said=said,
-        scope="bench",
-        places=nowhere,
-        known_as=("late",),
-        stated=stated,
-        colour=colour,
-        makes_sense=makes_sense,
-    )
-
-
-FILTERS = tuple(_filter(order) for order in (1, 2, 3, 4, 6, 8))  # 6 to 48 dB per octave, as lock-ins have
-
-
 def _gapped(trial: Trial) -> bool:
     """A transient of every row of its file. An amplitude without a frequency may also have been driven beside
     the resonance, with which it rises in another way."""
@@ -176,7 +99,7 @@ def _gapped(trial: Trial) -> bool:
 
 def _changing(trial: Trial) -> bool:
     """A transient whose inputs change a few times."""
-    return _timed(trial) and trial.signed and 2 <= trial.changes <= CHANGES and trial.spacing > 0
+    return timed(trial) and trial.signed and 2 <= trial.changes <= CHANGES and trial.spacing > 0
 
 
 def _apart(trial: Trial, values: np.ndarray, about: About) -> Trial:
@@ -190,7 +113,7 @@ def _apart(trial: Trial, values: np.ndarray, about: About) -> Trial:
         duration=np.diff(begins), interval=interval.astype(np.int32), elapsed=read - begins[interval]
     )
     log = replace(trial.log, bench={"delay_s": 0.0, **trial.log.bench})
-    return replace(_on_time(trial), log=log, inputs=inputs)
+    return replace(on_time(trial), log=log, inputs=inputs)
 
 
 def _apart_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
@@ -281,7 +204,7 @@ def _unsettled(trial: Trial) -> bool:
     without times, which tell how long it dwelt."""
     if trial.signed and "background" not in trial.nuisances:
         return False  # what is left is then rather that
-    if not (trial.swept and trial.driven) or _timed_sweep(trial):
+    if not (trial.swept and trial.driven) or timed_sweep(trial):
         return False
     ways = np.sign(np.diff(trial.log.frequency))
     turns = np.count_nonzero(np.diff(ways[ways != 0]))
@@ -290,10 +213,10 @@ def _unsettled(trial: Trial) -> bool:
 
 def _hurried(trial: Trial, values: np.ndarray, about: About) -> Trial:
     """The trial as a transient of that dwell."""
-    return _as_transient(trial, max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log)))
+    return as_transient(trial, max(float(values[0]), LEAST) * about.tau * np.arange(len(trial.log)))
 
 
-def _as_transient(trial: Trial, time: np.ndarray) -> Trial:
+def as_transient(trial: Trial, time: np.ndarray) -> Trial:
     """A sweep as a transient of these times (n,), which is not late: its own frequencies are its clock. What
     a recorder spoilt was found once, and stays out."""
     bench = {"delay_s": 0.0, **trial.log.bench}

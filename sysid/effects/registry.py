@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from sysid.effects.beside import CROSSTALK, FEEDTHROUGH, SLOPE, TONE
 from sysid.effects.blur import BLUR
-from sysid.effects.clock import DELAY, DWELL, EDGES, FILTERS, PHASE_DELAY, ROWS_LOST, SCATTER
+from sysid.effects.clock import DELAY, DWELL, EDGES, PHASE_DELAY, ROWS_LOST, SCATTER
 from sysid.effects.drift import (
     F0_DRIFTS,
     OFFSET_DRIFTS,
@@ -15,6 +15,7 @@ from sysid.effects.drift import (
 )
 from sysid.effects.drive import COMPRESSED, DEAD_BAND, DRIVE_OVERSHOOT, DRIVE_SAG, LIMIT, POWER
 from sysid.effects.effect import Effect
+from sysid.effects.filter import FILTERS
 from sysid.effects.mode import SECOND_MODE, SECOND_POLE
 from sysid.effects.plate import (
     AMPLITUDE_DAMPING,
