@@ -177,7 +177,7 @@ REFUSED = {
     "xz cut off": (lzma.compress(TEXT.encode())[:-9], "cannot be read"),
     "xz broken": (b"\xfd7zXZ\x00" + b"x" * 40, "cannot be read"),
     "zip archive": (zipped(), "zip archive"),
-    "old workbook": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 512, "a damaged workbook"),
+    "old workbook": (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 512, "a workbook of an old kind"),
     "HDF5": (b"\x89HDF\r\n\x1a\n" + b"\0" * 512, "HDF5"),
     "MATLAB": (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + b" " * 90 + b"\0\1IM", "MATLAB"),
     "image": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", ""),

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.adoption.candidates import candidates, instances
-from sysid.adoption.description import RIVAL, Description, Group, Instance
+from sysid.adoption.description import RIVAL, SURE, Description, Group, Instance
 from sysid.adoption.point import LEVEL, Points
 from sysid.adoption.search import NEARLY, Search
 from sysid.effects.drift import WARMED
@@ -41,7 +41,6 @@ from sysid.verdict.misfit import Misfits, misfits
 from sysid.verdict.remains import remains
 from sysid.verdict.unexplained import left_of, left_share, slow
 
-SURE = 3.0  # log evidence: odds of twenty to one
 MOST = 2  # effects in one set of logs, beyond which only more of one kind are looked for, as modes,
 LONGEST = 5  # up to so many in all: each multiplies the time of a search
 # of the power that neighbouring rows share, which an effect takes beside which there may be another

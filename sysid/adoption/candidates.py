@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sysid.adoption.description import Group, Instance
+from sysid.adoption.description import SURE, Group, Instance
 from sysid.effects.effect import Effect, nowhere
 from sysid.effects.registry import EFFECTS
 from sysid.trials.trial import Trial
@@ -17,7 +17,6 @@ TOGETHER = 2  # logs, of more of which it is not tried in each by itself
 # time constants, the true one gained 0.53 of it or more; of sweeps too fast it may be hardly more than
 # PROMISES
 LIKELY = 0.25
-LEAST = 3.0  # of log-likelihood, as much evidence as an effect has to have: its numbers cost more than that
 
 
 def instances(trials: Sequence[Trial], names: Sequence[str]) -> list[Instance]:
@@ -50,7 +49,7 @@ def candidates(each: Sequence[Instance], looked: Misfits, wrong: set[int]) -> tu
 def shown(x: Instance, looked: Misfits) -> float:
     """The share of what its logs show of anything, to first order, that an effect would be; infinite of one
     of which the first order tells nothing, as it does nothing small, and 0 of one that changes nothing, or
-    gains too little to be adopted."""
+    gains less than the evidence that it has to have, which its numbers cost besides."""
     if looked.fit is None:
         return np.inf
     here = [t for t in looked.tried if t.log is None or t.log in x.where]
@@ -59,7 +58,7 @@ def shown(x: Instance, looked: Misfits) -> float:
     if not own:
         return 0.0 if x.effect.places is None else np.inf  # as of one temperature
     most, best = (max(looked.fit.gain(t) for t in some) for some in (here, own))
-    return best / most if best >= LEAST else 0.0
+    return best / most if best >= SURE else 0.0
 
 
 def groups(each: Sequence[Instance], wrong: set[int], shares: Mapping[Instance, float]) -> list[Group]:

@@ -15,6 +15,7 @@ from sysid.verdict.unexplained import SIGNIFICANT, is_coloured_noise, shared
 # of the power that neighbouring rows share, a tenth of its root, that may be left of a true cause
 LEFT = 0.01
 MUCH = 0.25  # of that power, which may be left by the only cause that there is
+SURE = 3.0  # log evidence of an effect: odds of twenty to one
 RIVAL = 0.25  # of the evidence, with which another effect is a cause as well
 
 

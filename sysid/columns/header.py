@@ -107,6 +107,10 @@ def file_plan(head: Head, mapping: MappingFile | None) -> Plan:
     if (sign := stated(head.metadata, "phase_sign")) is not None:  # of this log, whatever that of others
         if sign not in SIGNS:
             raise LogError(f"{head.path}, metadata 'phase_sign': found {sign!r}, expected 1 or -1")
+        if "response" in plan.sources:
+            raise LogError(
+                f"{head.path}, metadata 'phase_sign': found it of a waveform, whose phase is known"
+            )
         plan = dataclasses.replace(plan, phase_sign=SIGNS[sign])
     if plan.quantity not in ("impedance", "velocity"):  # which the voltage of a coil in a magnet shows
         _refuse_ohms(head, plan, mapping)

@@ -26,7 +26,7 @@ from sysid.logs.log import KINDS, SAMPLINGS, Log, either
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.parted import parted
-from sysid.logs.stated import errors, of_derivative, of_scattering, read_errors, stated_in
+from sysid.logs.stated import WIDE, errors, of_derivative, of_scattering, read_errors, stated_in
 from sysid.logs.timed import oldest_first, timed
 from sysid.logs.together import in_common_units, of_one_plate, temperatures_in_names
 from sysid.logs.within import within
@@ -48,7 +48,6 @@ POSSIBLE = {
     "duty": (-1.0, 1.0, "a duty of -1 to 1; a percentage is duty [%]"),
 }
 NO_MAGNITUDE = 'a magnitude of 0 or more; is it in dB? then say unit = "dB"; of what has a sign, call it w'
-WIDE = 1.2  # a ratio of frequencies, by which the gains of a displacement and of its velocity differ
 DIGITS = 6  # decimals of a temperature, beyond which no thermometer reads
 WHOLE = 1e-6  # of a digit, by which a number that is so many of them is off in float64
 

@@ -16,7 +16,7 @@ from sysid.tables.csvfile import Head, LogError
 from sysid.tables.densities import amplitude_of, is_decibel
 from sysid.tables.scattered import SCATTERED, steepness
 
-WIDE = 1.2  # a ratio of frequencies, over which noise that is even in a velocity is uneven in a displacement
+WIDE = 1.2  # a ratio of frequencies, over which a displacement and its velocity differ by more than a gain
 NEPER = math.log(10) / 20  # of a decibel
 Arrays = Mapping[str, tuple[np.ndarray, str]]
 
@@ -90,7 +90,8 @@ def of_derivative(
         return None
     if not 0 < WIDE * np.min(frequency) < np.max(frequency):
         return None
-    return driven(np.ones(len(frequency)), arrays[name][1], drive)[0] / (2 * np.pi * frequency) ** order
+    factor = np.abs(driven(np.ones(len(frequency)), arrays[name][1], drive)[0])
+    return factor / (2 * np.pi * frequency) ** order if np.all(factor > 0) else None
 
 
 def _in(

@@ -50,7 +50,7 @@ def is_npz(path: str) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             names = archive.namelist()
-    except (zipfile.BadZipFile, OSError):
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
         return False
     return bool(names) and all(name.endswith(ENDING) for name in names)
 

@@ -27,6 +27,7 @@ PACKED: dict[bytes, Callable[..., Any]] = {
 }
 FOREIGN = {
     b"PK\x03\x04": "a zip archive",
+    b"\xd0\xcf\x11\xe0": "a workbook of an old kind (.xls), or with a password",
     codecs.BOM_UTF32_LE: "UTF-32 text",
     b"SQLite format 3": "a database (SQLite)",
     b"CDF\x01": "a netCDF file of version 3",

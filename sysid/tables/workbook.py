@@ -1,4 +1,4 @@
-"""Workbooks of spreadsheet programs (.xlsx, .xls, .xlsb, .ods) as text, a line for each row.
+"""Workbooks of spreadsheet programs (.xlsx, .xlsm) as text, a line for each row.
 
 Each sheet that holds a table is a log of its own, which `book.xlsx[sheet]` names; a workbook stands for its
 first one. What is no table, such as a sheet of notes, stands above each.
@@ -8,17 +8,17 @@ import csv
 import io
 import os
 import re
+import warnings
 import zipfile
-from collections.abc import Sequence
+from contextlib import closing
 from datetime import date, datetime, time, timedelta
 from functools import lru_cache
-from itertools import islice
+from itertools import islice, zip_longest
 from typing import Any, NamedTuple
 
-ENDINGS = r"\.(xls|xlsx|xlsm|xlsb|ods)"
-OLE = b"\xd0\xcf\x11\xe0"
+ENDINGS = r"\.(xlsx|xlsm)"
 ZIP = b"PK\x03\x04"
-HELD = ("xl/", "content.xml")  # what a zip archive holds that is a workbook
+HELD = "xl/workbook.xml"  # what a zip archive holds that is a workbook
 UNPACKED = 1 << 30  # bytes that a workbook may unpack to: thirty million cells
 ROWS = 3  # rows of two numbers or more, of which a table has as many at least
 MARK = "\t"  # between cells: one that no cell holds
@@ -56,11 +56,11 @@ def sheets(path: str) -> list[str]:
 def is_workbook(path: str, first: bytes) -> bool:
     """Whether a file that begins so is one."""
     if not first.startswith(ZIP):
-        return first.startswith(OLE)
+        return False
     try:
         with zipfile.ZipFile(path) as archive:
-            return any(name.startswith(HELD) for name in archive.namelist())
-    except (zipfile.BadZipFile, OSError):
+            return HELD in archive.namelist()
+    except (zipfile.BadZipFile, OSError, NotImplementedError, ValueError):
         return False
 
 
@@ -106,39 +106,37 @@ def _read(path: str, *_: int) -> Book:
 
 
 def _cells(path: str) -> dict[str, Rows]:
-    """The cells of each visible sheet. Raises NoWorkbook."""
+    """The cells of each visible sheet, formulas by what they gave. Raises NoWorkbook."""
     try:
-        import python_calamine as calamine
+        import openpyxl
     except ImportError:
-        said = "found a workbook, which is read with python-calamine; expected that it is installed"
+        said = "found a workbook, which is read with openpyxl; expected that it is installed"
         raise NoWorkbook(f"{said}: pip install 'sysid[excel]', or save the log as CSV") from None
     try:
-        if zipfile.is_zipfile(path):
-            with zipfile.ZipFile(path) as archive:
-                if sum(info.file_size for info in archive.infolist()) > UNPACKED:
-                    raise NoWorkbook(f"found a workbook that unpacks to more than {UNPACKED} bytes")
-        with calamine.CalamineWorkbook.from_path(path) as book:
-            return {
-                sheet.name: _texts(book.get_sheet_by_name(sheet.name).to_python(skip_empty_area=False))
-                for sheet in book.sheets_metadata
-                if sheet.typ == calamine.SheetTypeEnum.WorkSheet
-                and sheet.visible == calamine.SheetVisibleEnum.Visible
-            }
-    except calamine.PasswordError:
-        raise NoWorkbook(
-            "found a workbook with a password, expected one without; or save it as CSV"
-        ) from None
-    except (calamine.CalamineError, zipfile.BadZipFile) as error:
-        raise NoWorkbook(f"found a damaged workbook ({error}), expected one that can be read") from None
+        with zipfile.ZipFile(path) as archive:
+            if sum(info.file_size for info in archive.infolist()) > UNPACKED:
+                raise NoWorkbook(f"found a workbook that unpacks to more than {UNPACKED} bytes")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+            with closing(book):
+                visible = [sheet for sheet in book.worksheets if sheet.sheet_state == "visible"]
+                return {sheet.title: _texts(sheet) for sheet in visible}
+    except NoWorkbook:
+        raise
+    except Exception as error:  # the library answers damaged files with errors of many types
+        found = f"found a damaged workbook ({type(error).__name__}: {error})"
+        raise NoWorkbook(f"{found}, expected one that can be read") from None
 
 
-def _texts(cells: Sequence[Sequence[Any]]) -> Rows:
+def _texts(sheet: Any) -> Rows:
     """As text, without the columns before and behind all that there is, and the rows behind it."""
-    rows = [[_text(cell) for cell in row] for row in cells]
+    sheet.reset_dimensions()  # what it says of its size may be anything
+    rows = [[_text(cell) for cell in row] for row in sheet.iter_rows(values_only=True)]
     while rows and not any(rows[-1]):
         rows.pop()
-    used = [k for k, column in enumerate(zip(*rows, strict=True)) if any(column)]
-    return [row[used[0] : used[-1] + 1] for row in rows]
+    used = [k for k, column in enumerate(zip_longest(*rows, fillvalue="")) if any(column)]
+    return [[*row, *[""] * (used[-1] + 1 - len(row))][used[0] : used[-1] + 1] for row in rows]
 
 
 def _text(cell: Any) -> str:
@@ -154,7 +152,7 @@ def _text(cell: Any) -> str:
     if isinstance(cell, timedelta):
         minutes, seconds = divmod(cell.total_seconds(), 60)
         return f"{int(minutes) // 60:02d}:{int(minutes) % 60:02d}:{seconds:09.6f}"
-    return " ".join(str(cell).split())
+    return "" if cell is None else " ".join(str(cell).split())
 
 
 def _is_table(rows: Rows) -> bool:
