@@ -316,7 +316,7 @@ SECTIONS: dict[str, tuple[str, Callable[[int | None, int], str]]] = {
     "engines": ("## Killed on the way", lambda n, jobs: engines(n or 10_000, jobs)),
     "speed": (
         "## The fast lane: milliseconds a plate, one core, in turns with `least_squares` from starts 20 % off",
-        lambda n, jobs: fleet_lane.throughput(n or 256),
+        lambda n, jobs: fleet_lane.throughput(n or 512),
     ),
     "chance": (
         "## The fast lane: what is passed on of clean plates, and 95 % intervals of the others",

@@ -27,9 +27,7 @@ class Place(NamedTuple):
     rows: int
 
 
-PROCESSOR = Place(
-    np, 256, 80_000
-)  # of more the columns leave the cache, of fewer each cell is gone through often
+PROCESSOR = Place(np, 512, 1 << 18)  # of fewer each cell is gone through often, for few plates each
 ACCELERATOR = Place(jax.numpy, 1 << 12, 1 << 22)  # half a gigabyte of columns
 
 

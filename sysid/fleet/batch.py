@@ -27,7 +27,7 @@ from sysid.verdict.gain_confounding import MOSTLY
 
 LOOKS = 6  # at the rows, at most
 LEFT = 1e-2  # squared errors of a last step, which leaves their square
-MOVED = 1e-2  # relative change of the noise in a last step
+MOVED = 1e-3  # relative change of the noise in a last step, and in a round that no other follows
 SHARE = 0.9  # of a log's degrees of freedom that the plant takes at most, as in `minimum.minimise`
 
 
@@ -264,19 +264,19 @@ def _fitted(blocks: Sequence[Block], going: _Going, first: bool) -> Batch:
     """The fits from there on."""
     for look in range(LOOKS):
         seen = going.seen(blocks, first and look == 0)
-        logs, covariance, step, moved = _settled(seen, going)
+        logs, covariance, step, moved = _settled(seen, going, going.std)
         left = _left(logs, step)
         if np.any(near := (left < NEAR) & ~going.narrowed):
             going.narrowed = going.narrowed | near
-            if np.any(near & (hung := confounds_gain(logs, "late"))):
+            if np.any(near & (hung := confounds_gain(logs, "late")[0])):
                 _tighten(going, logs, covariance, step, near & hung)
-                logs, covariance, step, moved = _settled(seen, going)
+                logs, covariance, step, moved = _settled(seen, going, [x.std for x in logs])
                 left = _left(logs, step)
         done = going.narrowed & (left < LEFT) & (moved < MOVED) & np.all(np.isfinite(step), axis=1)
         if np.all(done) or look == LOOKS - 1:
             break
         going.follow(logs, step, ~done)
-    late, start = (confounds_gain(logs, name) for name in ("late", "start"))
+    late, start = confounds_gain(logs, "late", "start")
     return Batch(
         tuple(blocks),
         going.theta + _short(step, going.theta),
@@ -303,16 +303,20 @@ def _turned(block: Block, products: np.ndarray) -> np.ndarray:
     return along / np.maximum(np.abs(along), 1e-300)
 
 
-def _settled(seen: Sequence[Seen], going: _Going) -> tuple[list[Reduced], np.ndarray, np.ndarray, np.ndarray]:
-    """Each log reduced, the covariance, the step and by how much the noise moves, which is followed once."""
-    std = going.std
+def _settled(
+    seen: Sequence[Seen], going: _Going, std: Sequence[np.ndarray]
+) -> tuple[list[Reduced], np.ndarray, np.ndarray, np.ndarray]:
+    """Each log reduced, in noise that begins at `std` and is followed once where it moves; the covariance,
+    the step and by how much the noise still moves."""
     for again in (True, False):
         logs = [Reduced.of(*each) for each in zip(seen, std, going.priors, going.gains, strict=True)]
         covariance = solved(_sum([x.information for x in logs]))
         step = (covariance @ _sum([x.slope for x in logs])[:, :, None])[:, :, 0]
         found = [x.noise(step, x.values(step)) for x in logs]
         moved = np.max([np.abs(f / s - 1) for f, s in zip(found, std, strict=True)], axis=0)
-        std = found if again else std
+        if not again or np.all(still := moved < MOVED):
+            break
+        std = [np.where(still, s, f) for f, s in zip(found, std, strict=True)]
     return logs, covariance, step, moved
 
 
@@ -330,13 +334,18 @@ def _short(step: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return step / np.maximum(size, 1.0)[:, None]
 
 
-def confounds_gain(logs: Sequence[Reduced], name: str) -> np.ndarray:
-    """(P,) whether the error of G is that of the bench's "late" or "start", as `gain_confounding` has it."""
-    if not any(name in x.block.names for x in logs):
-        return np.zeros(len(logs[0].information), bool)
-    others = [other for other in ("late", "start") if other != name]
-    least, alone = (solved(_sum([x.without(*out) for x in logs])) for out in (("late", "start"), others))
-    return least[:, 0, 0] < MOSTLY**2 * alone[:, 0, 0]
+def confounds_gain(logs: Sequence[Reduced], *names: str) -> np.ndarray:
+    """(names, P) whether the error of G is that of these of the bench's numbers, "late" and "start", as
+    `gain_confounding` has it."""
+    found = np.zeros((len(names), len(logs[0].information)), bool)
+    some = {name for x in logs for name in x.block.names} & {"late", "start"}
+    if some & set(names):
+        least = solved(_sum([x.without(*some) for x in logs]))[:, 0, 0]
+    for k, name in enumerate(names):
+        if name in some:
+            alone = solved(_sum([x.without(*(some - {name})) for x in logs]))[:, 0, 0]
+            found[k] = least < MOSTLY**2 * alone
+    return found
 
 
 def both(log: Reduced, theta: np.ndarray, turn: np.ndarray, values: np.ndarray, covariance: np.ndarray):

@@ -80,8 +80,8 @@ class Cell:
 
     @cached_property
     def _weights(self) -> tuple[Rows, Rows]:
-        weights = self.tests.weights.astype(float)
-        return there(self.tests.basis.astype(float)), there(weights.reshape(len(weights), -1))
+        weights = self.tests.weights
+        return there(self.tests.basis), there(weights.reshape(len(weights), -1))
 
     @cached_property
     def _products(self) -> np.ndarray:

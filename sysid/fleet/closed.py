@@ -244,9 +244,8 @@ def _decaying(xp: Any, basis: Rows, since: np.ndarray, *, first: int) -> Rows:
     line, _ = xp.linalg.qr(xp.stack([since / since[-1], xp.ones_like(since)], axis=1))  # of c and d
     both = xp.stack([area, y], axis=1)
     straight = both @ (line + 0j)
-    bent, rest = (both - straight @ line.T).swapaxes(0, 1)
-    size = xp.maximum(xp.sum(xp.abs(bent) ** 2, axis=1), 1e-300)
-    pole = xp.sum(bent.conj() * rest, axis=1) / size
+    bent = _products(xp, both[:, :1], both)[:, 0] - _products(xp, straight[:, :1], straight)[:, 0]
+    pole = bent[:, 1] / xp.maximum(bent[:, 0].real, 1e-300)
     left = straight[:, 1] - pole[:, None] * straight[:, 0]  # in terms of the line's columns
     ends = left @ (line[-1] - line[0])
     return xp.stack([pole, ends / (since[-1] - since[0])], axis=1)

@@ -36,7 +36,7 @@ if sys.platform == "linux":
 else:  # where libraries do not survive a fork
     from multiprocessing.context import SpawnContext as Context
 
-LARGEST = 250  # plates in a batch, a part of the table each
+LARGEST = 500  # plates in a batch, a part of the table each
 EACH = 8  # batches of a worker, so that all end at about the same time
 FITS = 8  # plates that are fitted one by one, in a batch: takes about as long as loading what fits them
 # read as a process loads its libraries: one thread for matrices too small for more, and of an accelerator,

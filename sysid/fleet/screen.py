@@ -249,7 +249,7 @@ def _by_template(
             continue
         if rows is None:
             each = [_rows(batch, k, left, cell.template.names[k]) for k, left in enumerate(lefts)]
-            rows = there(np.concatenate(each, axis=1))
+            rows = there(np.concatenate(each, axis=1).astype(np.float32))
         share = cell.share(away[here] * nodes.turned(key))
         found.why[here] = cell.tests.refused[np.argmax(share, axis=1)]  # at the nearest node
         second = np.max(np.abs(np.tensordot(share, cell.tests.second, 1)), axis=(1, 2))

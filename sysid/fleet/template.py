@@ -20,7 +20,7 @@ from sysid.fleet.near import FREE, Near, Trying
 from sysid.fleet.tests import Placed
 from sysid.trials.trial import Trial
 from sysid.verdict import identify
-from sysid.verdict.averaged import FARAWAY, WIDER, Allowed, Hidden, Together, largest, widest
+from sysid.verdict.averaged import FARAWAY, WIDER, Allowed, Hidden, Together, each_of, largest, widest
 from sysid.verdict.conclusion import doubted, likeliest
 from sysid.verdict.finding import Assumed, Finding
 from sysid.verdict.linear import ENOUGH, PERHAPS, Found, Scored
@@ -141,15 +141,26 @@ class Template:
         moved = np.concatenate([moved, whole], axis=2) / at.wider[:, :, None]
         most = np.max(moved, axis=1)[:, self._alike]  # (P, kinds, places)
         best = self._alike[np.arange(len(self._alike)), np.argmax(most, axis=2)]
-        values = np.add.reduceat(numbers[:, :, None] * at.values[:, some.at], some.begins, axis=1)
-        values = rounded(values)
-        for p, j in np.argwhere(np.max(most, axis=2) > FARAWAY).tolist():
-            k = int(best[p, j])
-            far = zip(FREE, moved[p, :, k].tolist(), errors[p].tolist(), strict=True)
-            moves = {name: x * error for name, x, error in far if x > FARAWAY}
-            x = self._unseen(k, tuple(values[p, k].tolist()) if k < len(some.tests) else ())
+        plates, kinds = np.nonzero(np.max(most, axis=2) > FARAWAY)
+        which = best[plates, kinds]
+        values = self._coefficients(plates, which, numbers, at.values)
+        told = moved[plates, :, which], errors[plates], values
+        for p, k, *each in zip(plates.tolist(), which.tolist(), *(x.tolist() for x in told), strict=True):
+            moves = {n: x * error for n, x, error in zip(FREE, each[0], each[1], strict=True) if x > FARAWAY}
+            x = self._unseen(k, tuple(each[2]))
             found[p].append(Assumed(x.key, x.logs, x.shown_by, x.size, moves))
         return found
+
+    def _coefficients(
+        self, plates: np.ndarray, which: np.ndarray, numbers: np.ndarray, values: np.ndarray
+    ) -> np.ndarray:
+        """(n, M) of these places among what may be hidden, one of each of `plates` (n,), as they are told; 0
+        of what is hidden whole."""
+        places, has = self._hidden.places
+        some = np.minimum(which, len(places) - 1)
+        own, here = places[some], has[some] * (which < len(places))[:, None]
+        at = plates[:, None], self._hidden.at[own]
+        return rounded(np.sum((numbers[plates[:, None], own] * here)[:, :, None] * values[at], axis=1))
 
     @cached_property
     def _alike(self) -> np.ndarray:
@@ -210,7 +221,7 @@ class Template:
         """Of these tests the numbers side by side."""
         sizes = self.sizes[tests]
         at = np.concatenate([self.begins[k] + np.arange(n) for k, n in zip(tests, sizes, strict=True)])
-        return _Some(np.array(tests), np.cumsum([0, *sizes[:-1]]), at)
+        return _Some(np.array(tests), np.cumsum([0, *sizes[:-1]]), at, each_of(sizes))
 
     def why(self, name: str, temperature: float | None) -> str:
         """Why a parameter that is not free is not determined, at that temperature (degC)."""
@@ -223,12 +234,13 @@ class Template:
 
 
 class _Some(NamedTuple):
-    """Some `tests` (K,), their numbers (q,) side by side, each one's from `begins` on, and where those are
-    among the numbers of all tests, `at`."""
+    """Some `tests` (K,), their numbers (q,) side by side, each one's from `begins` on, or at its `places`
+    (`averaged.each_of`), and where those are among the numbers of all tests, `at`."""
 
     tests: np.ndarray
     begins: np.ndarray
     at: np.ndarray
+    places: tuple[np.ndarray, np.ndarray]
 
 
 def rounded(numbers: np.ndarray) -> np.ndarray:

@@ -118,6 +118,14 @@ def spanned(term: Term) -> bool:
     return not (term.between or term.parts)
 
 
+def each_of(sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(K, r) where the numbers of each are, of so many (K,) that lie side by side, and 1 for each of them, 0
+    where it has fewer than others."""
+    begins, some = np.cumsum([0, *sizes[:-1]])[:, None], np.arange(max(sizes))
+    has = some < sizes[:, None]
+    return np.where(has, begins + some, 0), has * 1.0
+
+
 class Together(NamedTuple):
     """Effects that logs allow, their numbers side by side, each one's from `begins` on. Methods take, of the
     q numbers of P plates, what each plate's logs show, the variances of what is `usual`, (P, q), and the
@@ -138,9 +146,7 @@ class Together(NamedTuple):
         of_each = [x.term.kind for x in each]
         kinds = list(dict.fromkeys(of_each))
         alike = np.array([[float(one == kind) for one in of_each] for kind in kinds])
-        some = np.arange(max(sizes))
-        has = some < sizes[:, None]
-        return cls(each, begins, kinds, alike, np.where(has, begins[:, None] + some, 0), has * 1.0)
+        return cls(each, begins, kinds, alike, *each_of(sizes))
 
     def added(
         self, which: tuple[np.ndarray, np.ndarray], moves: np.ndarray, numbers: np.ndarray, usual: np.ndarray

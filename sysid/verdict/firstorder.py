@@ -105,6 +105,11 @@ def _shapes(
     return {i: x[:, some] for i, x in found.items()}, [numbers[k] for k in some if numbers]
 
 
+def _far(value: np.ndarray) -> bool:
+    """Whether such coefficients are of something else, or beyond what is linear."""
+    return max(map(abs, value.tolist())) > WITHIN
+
+
 @dataclass(frozen=True)
 class Place:
     """Numbers `values` (d,) of an effect of which those of `shown` are coefficients; `apart` (d,) is how well
@@ -127,7 +132,7 @@ class Place:
 
     def sense(self, value: np.ndarray) -> bool:
         """Whether such coefficients make sense, or are of something else."""
-        if np.any(np.abs(value) > WITHIN):
+        if _far(value):
             return True
         numbers = self._with(self.values, value)
         fitted = Fitted(numbers, self._exact, self.about.tau, self.about.tau)
@@ -138,7 +143,7 @@ class Place:
         """The same in words; None where such numbers make no sense."""
         if not self.sense(value):
             return None
-        if np.any(np.abs(value) > WITHIN):
+        if _far(value):
             return UNNAMED
         told = self.effect.said(self.trial, self.numbers(value, std))
         return f"{self.name}{told.what}; {told.to_do}"
