@@ -30,23 +30,26 @@ LEVEL = Rounds(1, white=True)  # what is compared
 APART = 0.05  # prior standard deviations, by which optima differ
 NEAR = 0.05  # standard deviations, which matter to nothing
 SETTLED = 8  # times that an effect follows the plate, each of which halves what is left at the least
+TINY = 1e-12  # of a prior variance: a number that is as good as known
 DIFFERENCE = 1e-4  # prior standard deviations: of a central difference, whose error is its square
 
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """Numbers of effects, and the minimum of all else there."""
+    """Numbers of effects, and the minimum of all else there; how far a step of the numbers is trusted, in
+    prior standard deviations."""
 
     instances: tuple[Instance, ...]
     numbers: np.ndarray
     state: State
     cost: float
+    trust: float = 1.0
 
 
 class Looked(NamedTuple):
     """From a point: the step to the numbers' optimum, their covariance, what they leave open of the plant
     (6, 6), and what the step gains, to second order; by how much theta moves by itself (6,), and with the
-    numbers (6, d)."""
+    numbers (6, d); the slope (d,) of - cost by these."""
 
     step: np.ndarray
     covariance: np.ndarray
@@ -54,6 +57,20 @@ class Looked(NamedTuple):
     gain: float
     rest: np.ndarray
     along: np.ndarray
+    score: np.ndarray
+
+    def within(self, far: float, stds: np.ndarray) -> tuple[np.ndarray, float]:
+        """The best step, to second order, none of whose numbers goes further than so many `stds`, and what it
+        gains (Levenberg, Q. Appl. Math. 2, 164, 1944)."""
+        spread, axes = np.linalg.eigh(self.covariance / np.outer(stds, stds))
+        slope, held = axes.T @ (stds * self.score), 0.0
+        while True:
+            along = slope / (1 / np.maximum(spread, TINY) + held)
+            away = np.where(self.step == 0, 0.0, axes @ along)
+            if np.max(np.abs(away), initial=0.0) <= far:
+                gained = along @ (slope - 0.5 * along / np.maximum(spread, TINY))
+                return stds * away, self.gain + float(gained - 0.5 * slope @ (spread * slope))
+            held = max(2 * held, 0.1 / float(np.max(spread)))
 
 
 class Points:
@@ -255,7 +272,8 @@ class Points:
         gain = 0.5 * float(score @ covariance @ score + linear.slope @ rest[index])
         each = [_sloped(x.effect, len(self.known(x))) for x in instances]
         sloped = np.concatenate(each) if each else np.zeros(0)
-        return Looked(sloped * (covariance @ score), covariance, by @ covariance @ by.T, gain, rest, -by)
+        step, moved = sloped * (covariance @ score), by @ covariance @ by.T
+        return Looked(step, covariance, moved, gain, rest, -by, score)
 
     def differences(
         self, found: Callable[[np.ndarray], float], instances: Sequence[Instance], numbers: np.ndarray

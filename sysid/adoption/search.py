@@ -16,6 +16,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from sysid.adoption.description import Description, Group
 from sysid.adoption.point import LEVEL, NEAR, Point, Points, fed
 from sysid.adoption.profile import profiled
+from sysid.effects.plate import AMPLITUDE
 from sysid.minimum.minimise import State
 from sysid.trials.rounds import Rounds
 from sysid.trials.trial import Trial, freedom
@@ -32,7 +33,7 @@ HOPS = 8  # of numbers that a log follows in steps: most need two
 # seen where the plate is foreseen, or near by
 START = Rounds(1, steps=8, white=True)
 GLANCE, ROUGH = Rounds(1, steps=0, white=True), Rounds(1, steps=2, white=True)
-SHARES = (1.0, 0.4, 0.1)  # of a step, of which the first that is better is taken
+GOOD, POOR = 0.75, 0.25  # of what was foreseen, from which a step is trusted further, and no longer
 ROUNDS = 3  # of the numbers and the colour of the noise in turn
 LONG = 512  # rows, which tell the colour of a log's noise well enough
 TOLD = 0.1  # of what a log tells of tau, that has to be left beside what happened in it
@@ -120,17 +121,25 @@ class Search:
             gained, point = point.cost - better.cost, better
             if gained < NEAR**2:
                 break
-        return self.points.at(point.instances, point.numbers, point.state, rounds)
+        ended = self.points.at(point.instances, point.numbers, point.state, rounds)
+        return replace(ended, trust=point.trust)
 
     def stepped(self, point: Point) -> Point | None:
-        """A step of plant and numbers from a point, as far as it leads to a better one, or would with a plant
-        that is looked for; None where it does not, or is none."""
+        """A step of plant and numbers from a point, as far as one is trusted and leads to a better point, or
+        would with a plant that is looked for; None where it does not, or is none."""
         look = self.points.looked(point)
         if _ends(look.step, look.covariance):
             return None
-        step = look.step / max(1.0, float(np.max(np.abs(look.step) / self.points.stds(point.instances))))
-        there = (self.points.onward(point, share * step, r) for share in SHARES for r in (GLANCE, ROUGH))
-        return next((p for p in there if p.cost < point.cost), None)
+        far, stds = point.trust, self.points.stds(point.instances)
+        for rounds in (GLANCE, ROUGH, GLANCE, ROUGH):
+            step, foreseen = look.within(far, stds)
+            there = self.points.onward(point, step, rounds)
+            if (gained := point.cost - there.cost) > 0:
+                wider = 2.0 if gained > GOOD * foreseen else 1.0 if gained > POOR * foreseen else POOR
+                return replace(there, trust=min(wider * far, 1.0))
+            if rounds is ROUGH or far < point.trust:
+                far = POOR * min(far, float(np.max(np.abs(step) / stds)))
+        return None
 
     def beyond_rows(self, point: Point) -> Point:
         """The optimum that lies beyond rows of a log from another: of a number by which the response changes
@@ -146,9 +155,10 @@ class Search:
         return point
 
     def by_its_motion(self, point: Point) -> Point:
-        """The optimum near another where what is fed beside a plate is no motion of it, if that is better. It
-        is known only where the plate is nearly described: until then all that a log shows is its plate's."""
-        if fed(point.state):
+        """The optimum near another where what is fed beside a plate is no motion of it, if that is better, of
+        laws of the amplitude. It is known only where the plate is nearly described: until then all that a
+        log shows is its plate's."""
+        if fed(point.state) or not any(x.effect.law == AMPLITUDE for x in point.instances):
             return point
         begun = self.points.begun(point.instances, point.numbers, point.state, LEVEL)
         there = self.followed(self.points.at(point.instances, point.numbers, begun), STEPS)

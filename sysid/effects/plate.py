@@ -34,6 +34,7 @@ MORE = np.array([-0.5, -0.1, 0.1, 0.5, 2.0])  # of the damping, at the largest r
 PER_DEGREE = 0.03  # of the damping, per degC: of glue that softens, or of a liquid
 BEND = 0.01  # half bandwidths per degC^2: one 10 degC from where f0 is told
 BENDS = np.array([0.1, 0.5, 2.0])  # of it
+AMPLITUDE = "amplitude"  # the law of what goes with how far the plate itself moves
 LEAST_DAMPED = 0.05  # of the damping: with none of it the plate would run away
 LEAST = 1e-6  # of a log: less is a plant of first order
 SLOW = 0.25  # of a log, which is then little more than a period
@@ -66,7 +67,7 @@ def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
 
 DUFFING = Effect(
     name="duffing",
-    law="amplitude",
+    law=AMPLITUDE,
     shows=resonating,
     stds=lambda trial, about: np.array([SHIFTS[-1]]),
     starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
@@ -177,7 +178,7 @@ def _amplitude_damped(power: int) -> Effect:
 
     return Effect(
         name="amplitude_damping",
-        law="amplitude",
+        law=AMPLITUDE,
         shows=shows,
         stds=lambda trial, about: np.array([1.0]),
         starts=lambda trial, about: MORE[:, None],
