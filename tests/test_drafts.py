@@ -160,10 +160,15 @@ def test_what_is_held_beside_a_sweep_and_drives_nothing_is_no_drive(save, head):
 def test_an_acceleration_in_g_is_one_in_metres_per_second_squared(save):
     """Of x = w cos(omega t) it is -omega^2 x, in multiples of 9.80665 m/s^2."""
     g = -((2 * np.pi * F) ** 2) * S * 1e-6 / 9.80665
-    for head in ("Accel (g)", "Acceleration (g)", "acc [g]"):
-        (log,) = read_logs(save(table(f"Freq (Hz),Current (A),{head},Phase (deg)", F, 0 * F + 2, *polar(g))))
+    for head in ("Accel (g)", "Acceleration (g)", "acc [g]", "Beschleunigung [g]", "acc_g", "accel_mg"):
+        milli = 1e3 if "mg" in head else 1.0
+        columns = F, 0 * F + 2, *polar(g * milli)
+        (log,) = read_logs(save(table(f"Freq (Hz),Current (A),{head},Phase (deg)", *columns)))
         np.testing.assert_allclose(log.response, 1e-6 * 1j * S, rtol=1e-9)
         assert log.response_unit == "m" and log.drive_unit == "A"
+    (log,) = read_logs(save(table("Freq (Hz);Mag [dB re 1 g/V];Phase [deg]", F, *decibel(g))))
+    np.testing.assert_allclose(log.response, 1e-6 * 1j * S, rtol=1e-9)
+    assert log.response_unit == "m" and np.all(log.drive == 1)
 
 
 def test_x_and_y_of_one_signal_beside_a_frequency_are_its_parts(save):

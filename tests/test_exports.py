@@ -131,6 +131,19 @@ def test_the_times_of_a_serial_monitor_are_a_column(save):
     np.testing.assert_allclose(log.time, 1e-3 * np.arange(len(TIME)), atol=1e-12)
 
 
+@pytest.mark.parametrize("says", [False, True])
+def test_the_times_of_a_serial_monitor_are_coarser_than_the_board_s_own(save, says):
+    """The stamps of a burst are all alike: read as its time, they were kept out, and the step was none."""
+    names, *rows = LOG.replace("time_ms", "t_ms").splitlines()
+    if says:  # cells that say their names, as for a plotter
+        each = [zip(names.split(","), row.split(","), strict=True) for row in rows]
+        lines = [",".join(f"{name}:{cell}" for name, cell in row) for row in each]
+    else:
+        lines = [names, *rows]
+    (log,) = read_logs(save("".join(f"12:00:00.000 -> {line}\n" for line in lines), "burst.txt"))
+    check_step(log)
+
+
 @pytest.mark.parametrize(
     "content, words",
     [

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sysid.columns.labels import GAINS, NOT_DATA, OFFSETS, SCATTERING, centre, left_open
-from sysid.columns.plan import ANGLES, SPLITS, per_drive
+from sysid.columns.plan import ANGLES, SPLITS, in_gravity, per_drive
 from sysid.columns.preset import known_by, known_of
 from sysid.columns.roles import lone_signal, plausible, roles, undecided
 from sysid.columns.samples import channels, waveform
@@ -347,7 +347,7 @@ class _Draft:
     def _quantity(self, index: int | None) -> str:
         """What the signal in a column shows, by its unit; "?" where that does not tell, as of a sensor's
         volts."""
-        unit = self.columns.shows(index) if index is not None else ""
+        unit = in_gravity(self.columns.shows(index)) if index is not None else ""
         words = self.columns.labels[index].words if index is not None else ()
         called = next((kind for kind in KINDS if any(is_short_for(kind, word) for word in words)), "?")
         quantity = next((kind for kind, of in KINDS.items() if unit and units.same_kind(unit, of)), called)

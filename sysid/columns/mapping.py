@@ -86,7 +86,7 @@ from typing import Any
 import numpy as np
 
 from sysid.columns.metadata import constants_beside, overruled
-from sysid.columns.plan import GRAVITY, PHASES, Plan, Source, drive_as, per_drive
+from sysid.columns.plan import PHASES, Plan, Source, drive_as, in_gravity, per_drive
 from sysid.tables import units
 from sysid.tables.cells import Dialect, listed, to_number
 from sysid.tables.csvfile import Head, LogError
@@ -301,7 +301,7 @@ class MappingFile:
         index = self.position(key, entry, head)
         label = head.names[index] or f"column {index}"
         unit, amplitude = split_ending(entry.get("unit", head.says(index) or label), "unit" in entry)
-        unit = GRAVITY if unit == "g" and self.options.get("quantity") == "acceleration" else unit
+        unit = in_gravity(unit) if self.options.get("quantity") == "acceleration" else unit
         stated = self.options.get("amplitude") if name in units.AMPLITUDES else None
         amplitude = entry.get("amplitude") or amplitude or stated or _usual(name, unit)
         dated = name == "time" and head.dated(index)

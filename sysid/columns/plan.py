@@ -12,11 +12,22 @@ from sysid.tables import units
 ERRORS = ("std", "std_q")
 # of columns that number experiments
 SPLITS = ("log", "chunk", "sweep", "run", "segment", "block", "experiment")
-GRAVITY = "g_0"  # of an acceleration in g: for the library of units a g is a gram
 ANGLES = {"rad": 1.0, "deg": math.pi / 180, "°": math.pi / 180}
 # of a column that is called a phase: a displacement may be in mrad
 PHASES = ANGLES | {"mrad": 1e-3, "urad": 1e-6, "mdeg": math.pi / 180e3}
 PHASES |= dict.fromkeys(("turn", "turns", "cycle", "cycles"), 2 * math.pi) | {"gon": math.pi / 200}
+
+
+def in_gravity(unit: str) -> str:
+    """The unit of an acceleration, in g, mg, g^2/Hz or dB:g/V as well: for the library of units a g is a
+    gram."""
+    return re.sub(r"(^|:)([muµ]?)g(?=$|[/^])", r"\1\2g_0", unit)
+
+
+def of_gravity(unit: str) -> tuple[str, str]:
+    """A unit of an acceleration in g and what is behind it, as /V; "" of any other."""
+    found = re.match(r"[muµ]?g_0(?=$|/)", unit)
+    return (found[0], unit[found.end() :]) if found else ("", unit)
 
 
 @dataclass(frozen=True)

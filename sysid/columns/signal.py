@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from sysid.columns.plan import ANGLES, GRAVITY, Plan, Source, per_drive
+from sysid.columns.plan import ANGLES, Plan, Source, of_gravity, per_drive
 from sysid.tables import units
 from sysid.tables.csvfile import LogError
 from sysid.tables.densities import amplitude_of, is_decibel, reference
@@ -114,8 +114,9 @@ def decode(values: np.ndarray, source: Source) -> tuple[np.ndarray, str]:
         values, unit = 10.0 ** (values / 20), reference(unit)
     if power := amplitude_of(unit):
         values, unit = np.sign(values) * np.sqrt(np.abs(values)), power
-    if unit == GRAVITY:
-        values, unit = units.convert(values, unit, "m/s^2"), "m/s^2"
+    gravity, behind = of_gravity(unit)
+    if gravity:
+        values, unit = units.convert(values, gravity, "m/s^2"), f"m/s^2{behind}"
     if unit in ("deg", "°"):
         values, unit = values * ANGLES["deg"], "rad"
     return (values if source.amplitude == "peak" else values * units.PEAK[source.amplitude]), unit

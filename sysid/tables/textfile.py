@@ -43,6 +43,8 @@ NEAR = 1 << 16  # bytes in which a file that is one long line to others shows wh
 DOUBLED = b"\r\r\n"  # of a line end that went through a file in text mode of Windows
 # A time that a serial monitor writes before each line that it receives.
 _RECEIVED = re.compile(rb"^(\d\d:\d\d:\d\d\.\d{3}) -> ", re.MULTILINE)
+_RECEIVED_LINE = re.compile(rb"^(\d\d):(\d\d):(\d\d\.\d{3}) -> ([^\r\n]*)", re.MULTILINE)
+_NAMED = re.compile(rb"\s*[^\W\d][^:=]*[:=]\s*[-+.\d]")  # a cell that says its name, as x:0.5
 # The names of columns on the first line, with lines of their own in quotes; no comment that holds a quote.
 _CELL = rb'(?:"[^"]{1,200}"|[^",;\t\r\n]*)'
 _HEADER = re.compile(rb"(?![#%!])" + _CELL + rb"(?:[,;\t]" + _CELL + rb")*(?=\r?\n)")
@@ -180,13 +182,22 @@ def _from_lines(path: str) -> BinaryIO:
     if _RECEIVED.match(text):
         first = text.partition(b"\n")[0]
         mark = next((mark for mark in (b",", b";", b"\t") if mark in first), b" ")
-        text = _RECEIVED.sub(rb"\1" + mark, text)
-        if re.search(rb"[A-Za-z]", _RECEIVED.sub(b"", first)):
-            text = b"timestamp" + text[text.index(mark) :]
+        cells = _RECEIVED.sub(b"", first).strip().split(mark)
+        if all(_NAMED.match(cell) for cell in cells):
+            text = _RECEIVED_LINE.sub(lambda line: _with_clock(line, mark), text)
+        else:
+            text = _RECEIVED.sub(rb"\1" + mark, text)
+            text = b"timestamp" + text[text.index(mark) :] if re.search(rb"[A-Za-z]", first) else text
     header = _HEADER.match(text := text.removeprefix(codecs.BOM_UTF8))
     if header and (lines := header[0].count(b"\n")):
         text = b"\n" * lines + re.sub(rb"\s*\n\s*", b" ", header[0]) + text[header.end() :]
     return io.BytesIO(unruled(text) if is_ruled(text[:NEAR]) else text)
+
+
+def _with_clock(line: re.Match[bytes], mark: bytes) -> bytes:
+    """A line of cells that say their names, the time of a serial monitor as the last of them."""
+    hours, minutes, seconds = (float(part) for part in line.groups()[:3])
+    return line[4] + mark + f"timestamp_s:{3600 * hours + 60 * minutes + seconds:.3f}".encode()
 
 
 def read_line(path: str, file: BinaryIO, number: int) -> bytes:
