@@ -27,7 +27,7 @@ def add_synonyms(head: Head, sources: dict[str, Source], unknown: list[str]) -> 
     note on each."""
     notes = []
     # a time before a date beside it: the clock of whatever wrote the file, which may be a coarse one
-    for label in sorted(unknown, key=lambda x: folded(x) in STAMPED or head.dated(head.names.index(x))):
+    for label in sorted(unknown, key=lambda x: (folded(x) in STAMPED, head.dated(head.names.index(x)))):
         if quantity := _meant(label, SYNONYMS | LETTERS, sources) or _dates_time(head, label, sources):
             name, column = units.split_unit(label)[0], head.names.index(label)
             source = Source(label, "", column=column, spare=head.dated(column))

@@ -191,10 +191,9 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
     wrong = wrong or [Finding("immediate", "refused", said) for said in responds_at_once(best, reference)]
     doubts = doubts if wrong else [*doubts, *(Finding("unseen", "noted", said) for said in unseen)]
     if hangs and not wrong and not identify.hopeless(best.trials, free):
-        doubts = [
-            *doubts,
-            Finding("late", "noted", wording.hangs_on_lateness(std_of(best.spread, "G"))),
-        ]
+        sweeps = [t.log.name for t in best.trials if t.steady and t.driven and "gain" in t.nuisances]
+        said = wording.hangs_on_lateness(std_of(best.spread, "G"), sweeps)
+        doubts = [*doubts, Finding("late", "noted", said)]
     told = not (wrong or identify.hopeless(best.trials, free) or identify.buried(best.trials))
     if told and (other := seldom_alias(best.trials, best.theta, reference)):
         trial, *of = other

@@ -185,13 +185,17 @@ def owned(reading: str | None) -> str:
     )
 
 
-def hangs_on_lateness(error: float) -> str:
-    """For a G whose relative `error` is that of not knowing how late the response is."""
+def hangs_on_lateness(error: float, sweeps: Sequence[str] = ()) -> str:
+    """For a G whose relative `error` is that of not knowing how late the response is, beside these `sweeps`,
+    which may be late themselves."""
     percent = float(f"{100 * error:.2g}")  # as 170, not 1.7e+02
+    beside = (
+        f"state delay_s of {', '.join(sweeps)}" if sweeps else "record a sweep beside it, or state delay_s"
+    )
+    late = ", and the sweeps beside it may be late as well" if sweeps else ""
     return (
         f"G is known only to {percent:g} %, because a feedthrough, a trigger late by a row and a gain"
-        f" look alike in a step;"
-        " record a sweep beside it, or state delay_s (0 if nothing is late)"
+        f" look alike in a step{late}; {beside} (0 if nothing is late)"
     )
 
 
