@@ -24,7 +24,7 @@ from sysid.trials.trial import Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Hint
-from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, retold
+from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, opposed, retold
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import Said, dispersion
 from sysid.verdict.finding import Finding
@@ -62,15 +62,17 @@ def fit(
     under an amplitude (see `effects.registry`). `effects`: in the place of these what the command's --effects
     takes, "-late" (the usual ones without it), "-delay,+drift", "rotation,offset" or "none". `priors`: what
     is known of the plant beforehand, value and standard deviation by name, as in {"k_T": (-8.0, 1.0)} (see
-    `model.prior`); flat unless stated. What the logs alone do not determine stays undetermined. `start`: a
-    plant to begin from instead of the data. Raises ValueError without logs,
+    `model.prior`); flat unless stated, or where the logs contradict it. What the logs alone do not determine
+    stays undetermined. `start`: a plant to begin from instead of the data. Raises ValueError without logs,
     for an unknown nuisance, or for a prior that is none; TypeError for what are no logs."""
     logs = every("logs", logs, Log, LOG)
     nuisances = _named(nuisances, effects)
     reference_temperature = number("reference_temperature", reference_temperature)
+    given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
+    if priors and (told := opposed(fit(logs, start=start, **given | {"priors": None}), checked(priors))):
+        return told
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     best = states[0]
-    given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     found = _concluded(question, states)
     ranged = any(f.key == "range" for f in found.findings)  # whose rows are to be scaled before anything else
     restless, sure = [] if ranged else decays(best)[0], False
@@ -100,8 +102,7 @@ def _read_otherwise(
     other = fit(otherwise(logs, question.sampling), start=start, **given)
     if other.result is not Result.successful:
         return None
-    names = [(logs[i].name, reading) for i, reading in question.sampling.items()]
-    told = [f"{name}: {wording.owned(OTHER[reading])}" for name, reading in names]
+    told = [f"{logs[i].name}: {wording.owned(OTHER[way])}" for i, way in question.sampling.items()]
     return replace(other, warnings=(*told, *other.warnings))
 
 
@@ -357,8 +358,9 @@ def _asked(
         warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
     read = _with_priors(read, states[0].trials)
-    problem = FitProblem(minimiser, read, stated, reference_temperature, tuple(warnings), apart, sampling)
-    return problem, states
+    return FitProblem(
+        minimiser, read, stated, reference_temperature, tuple(warnings), apart, sampling
+    ), states
 
 
 def _with_thermometers(
@@ -372,11 +374,8 @@ def _with_thermometers(
         for s, std in zip(states, spread, strict=True)
     ]
     states = _anew(minimiser, states, [trials for trials, _ in found])
-    unstated = [
-        t.log
-        for t, log in zip(states[0].trials, logs, strict=True)
-        if "temperature_std_degC" not in log.bench
-    ]
+    each = zip(states[0].trials, logs, strict=True)
+    unstated = [t.log for t, log in each if "temperature_std_degC" not in log.bench]
     errors = Theta.of(np.sqrt(np.diag(states[0].covariance)))
     return states, [*found[0][1], *wording.of_thermometers(unstated, states[0].named.k_T, spread[0], errors)]
 

@@ -1,6 +1,7 @@
 """What is known beforehand: as one more measurement where the logs tell too, and never instead of them."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -59,8 +60,23 @@ def test_it_says_where_the_prior_speaks_and_where_the_logs_contradict_it(bench):
     assert any(w.startswith("tau: what is stated beforehand speaks") for w in speaks)
     clear = sysid.fit([bench.sweep()], priors={"tau": (tau, 0.5 * tau)}).warnings
     assert not any("beforehand" in w for w in clear)
-    wrong = sysid.fit([bench.sweep()], priors={"f0": (bench.plant.f0 + 40.0, 2.0)}).warnings
-    assert any("f0: the logs alone say" in w and "check which is wrong" in w for w in wrong)
+
+
+def test_what_the_logs_contradict_is_told_and_not_used(bench):
+    """In ms, or in kHz, it pulled the fit so far away that what the logs say was extrapolated to nonsense."""
+    sweep, step, plant = bench.sweep(), noisy(bench), bench.plant
+    for logs, priors, unit in (
+        ([sweep], {"f0": (plant.f0 + 40.0, 2.0)}, "Hz"),
+        ([sweep], {"f0": (1e-3 * plant.f0, 0.1)}, "Hz"),
+        ([step], {"tau": (1e3 * plant.tau, 0.1)}, "s"),
+    ):
+        (name,) = priors
+        fit, plain = sysid.fit(logs, priors=priors), sysid.fit(logs)
+        told, own = fit.parameters[name], plain.parameters[name]
+        assert (told.value, told.std) == (own.value, own.std) and not fit.priors
+        said = float(re.match(f"{name}: the logs alone say ([^ ]+)", fit.warnings[0])[1])
+        assert said == pytest.approx(own.value, abs=own.std)  # the mean of a posterior of few draws
+        assert f" {unit}, " in fit.warnings[0] and "check which is wrong" in fit.warnings[0]
 
 
 def test_of_two_solutions_it_picks_the_one_that_was_expected(bench):

@@ -120,8 +120,7 @@ def _of_the_fit(command: argparse.ArgumentParser) -> None:
         type=prior,
         action="append",
         metavar="NAME=VALUE+-STD",
-        help="what is known of G, tau, f0 or k_T beforehand, in its own unit: --prior=k_T=-8+-1; may be"
-        " repeated",
+        help="what is known of G, tau (s), f0 (Hz) or k_T beforehand: --prior=k_T=-8+-1; may be repeated",
     )
 
 

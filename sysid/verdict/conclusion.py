@@ -1,6 +1,6 @@
 """What the minima amount to: the plant, what the logs leave open, and whether the model describes them."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import NamedTuple
@@ -315,24 +315,28 @@ def _unharmed(found: Found) -> str:
 
 
 def _believed(fit: Fit, reference_temperature: float) -> list[str]:
-    """Sentences on where what was stated beforehand speaks, and where the logs contradict it."""
+    """Sentences on where what was stated beforehand speaks."""
     said = []
     for name, (value, std) in fit.priors.items():
-        found, error = alone(fit, name, reference_temperature)
-        unit = fit.units[name]
-        apart = abs(found - value) / np.hypot(error, std)
-        if apart > CONTRADICTS:
-            said.append(
-                f"{name}: the logs alone say {found:.7g} ± {error:.2g} {unit}, {apart:.2g} standard"
-                f" deviations from what is"
-                f" stated beforehand, {value:.7g} ± {std:.2g}; check which is wrong"
-            )
-        elif 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
-            known = f"{value:.7g} ± {std:.2g} {unit}"
+        _, error = alone(fit, name, reference_temperature)
+        if 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
+            known = f"{value:.7g} ± {std:.2g} {fit.units[name]}"
             said.append(
                 f"{name}: what is stated beforehand speaks, {known}; the logs alone leave ± {error:.2g}"
             )
     return said
+
+
+def opposed(fit: Fit, stated: Mapping[str, tuple[float, float]]) -> Fit | None:
+    """The fit without what was stated beforehand, if the logs are described without it and contradict it in
+    every minimum, which it says."""
+    said, at = [], fit.plant.reference_temperature
+    for name, (value, std) in stated.items() if fit.result is Result.successful else ():
+        each = [alone(replace(fit, modes=(mode,)), name, at) for mode in fit.modes]
+        apart = [abs(found - value) / float(np.hypot(error, std)) for found, error in each]
+        if name in fit.names and min(apart) > CONTRADICTS:
+            said.append(wording.contradicts(name, fit.units[name], each[0], (value, std), apart[0]))
+    return replace(fit, warnings=(*said, *fit.warnings)) if said else None
 
 
 def _units(logs: Sequence[Log]) -> dict[str, str]:

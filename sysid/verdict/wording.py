@@ -199,6 +199,17 @@ def hangs_on_lateness(error: float, sweeps: Sequence[str] = ()) -> str:
     )
 
 
+def contradicts(
+    name: str, unit: str, found: tuple[float, float], stated: tuple[float, float], apart: float
+) -> str:
+    """Of a parameter that is otherwise, by so many standard deviations, than was stated beforehand."""
+    logs, known = (f"{value:.7g} ± {std:.2g} {unit}" for value, std in (found, stated))
+    return (
+        f"{name}: the logs alone say {logs}, {apart:.2g} standard deviations from what is stated beforehand,"
+        f" {known}: nothing that is stated is used; check which is wrong, and in which unit"
+    )
+
+
 def aliased(name: str, spacing: float, further: float, odds: float) -> str:
     """Of a log in rows so far apart that its resonance may lie `further` (Hz) than it is told."""
     away = f"{abs(further):.4g} Hz {'higher' if further > 0 else 'lower'}"
