@@ -69,8 +69,10 @@ def fit(
     nuisances = _named(nuisances, effects)
     reference_temperature = number("reference_temperature", reference_temperature)
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
-    if priors and (told := opposed(fit(logs, start=start, **given | {"priors": None}), checked(priors))):
-        return told
+    if priors:
+        plain = fit(logs, nuisances=nuisances, reference_temperature=reference_temperature, start=start)
+        if (told := opposed(plain, checked(priors), reference_temperature)) is not None:
+            return told
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     best = states[0]
     found = _concluded(question, states)

@@ -327,10 +327,10 @@ def _believed(fit: Fit, reference_temperature: float) -> list[str]:
     return said
 
 
-def opposed(fit: Fit, stated: Mapping[str, tuple[float, float]]) -> Fit | None:
-    """The fit without what was stated beforehand, if the logs are described without it and contradict it in
-    every minimum, which it says."""
-    said, at = [], fit.plant.reference_temperature
+def opposed(fit: Fit, stated: Mapping[str, tuple[float, float]], at: float) -> Fit | None:
+    """The fit without what was stated beforehand, of f0 `at` (degC), if the logs are described without it and
+    contradict it in every minimum, which it says."""
+    said = []
     for name, (value, std) in stated.items() if fit.result is Result.successful else ():
         each = [alone(replace(fit, modes=(mode,)), name, at) for mode in fit.modes]
         apart = [abs(found - value) / float(np.hypot(error, std)) for found, error in each]
