@@ -78,13 +78,15 @@ def fit(
     found = _concluded(question, states)
     ranged = any(f.key == "range" for f in found.findings)  # whose rows are to be scaled before anything else
     restless, sure = [] if ranged else decays(best)[0], False
-    names = _called_for(best, found.judged, bool(restless), nuisances)
+    names = _called_for(best, found.judged, nuisances)
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
         question, found, sure = _with_effects(question, found, names, bool(restless))
     other = sure and any(f.mostly for f in found.findings)  # a plant of another kind, which decays as one too
-    driven = restless and not other
-    if driven and (told := _of_decays(best, given)) is not None and not (sure and _alike(found, told)):
+    # a decay that needs effects of its own is no better witness than a whole that one describes
+    plate = {**given, "nuisances": tuple(n for n in nuisances if not (sure and n in ADOPTED))}
+    told = _of_decays(best, plate) if restless and not other else None
+    if told is not None and not (sure and _alike(found, told)):
         return told
     untold = found.modes[0].converged and not (ranged or found.parameters["tau"].determined or other)
     if untold and (told := _of_decays(best, given, found)) is not None:
@@ -124,16 +126,14 @@ def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) 
     return nuisances
 
 
-def _called_for(best: State, judged: Judged, restless: bool, names: Sequence[str]) -> list[str]:
+def _called_for(best: State, judged: Judged, names: Sequence[str]) -> list[str]:
     """The effects of these names that a minimum may call for: of logs that only differ, none that lasts for a
-    while; of driven rows that no plate explains, no other, unless a plate may beat with a drive of which no
-    frequency is known; of what harms nothing, those that it is to first order."""
-    restless = restless and all(t.resonant for t in best.trials)
+    while; of what harms nothing, those that it is to first order."""
     each = [e for e in EFFECTS if e.hop is None or judged.apart is None]
     if not judged.wrong and not any(slow(best, i) for i in range(len(best.trials))):
         known = {f.name for f in judged.found if f.certain}
         each = [e for e in each if known & {e.name, *e.known_as}]
-    return [e.name for e in each if e.name in names and (e.hop is not None or not restless)]
+    return [e.name for e in each if e.name in names]
 
 
 def _with_effects(
