@@ -19,6 +19,7 @@ from controller.source import Multiples, Timer
 from controller.tracker import PLL, SignTracker
 from sysid import __version__
 from sysid.asked import LOOP, given
+from sysid.whole import in_place_of
 
 Precision = Literal["single", "double"]
 KINDS = {"single": np.float32, "double": np.float64}
@@ -44,8 +45,10 @@ def export_c(loop: Loop, path: str | Path, precision: Precision | None = None, p
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", prefix):
         raise ValueError(f"found the prefix {prefix!r}, expected small letters, digits and _, a letter first")
     targets = path, path.with_suffix(".c"), plate_header(path)
-    for target, text in zip(targets, texts(loop, path.name, precision, prefix), strict=True):
-        target.write_text(text, encoding="ascii", newline="\n")
+    made = texts(loop, path.name, precision, prefix)
+    with in_place_of(*targets) as fresh:
+        for file, text in zip(fresh, made, strict=True):
+            file.write_text(text, encoding="ascii", newline="\n")
 
 
 def plate_header(path: Path) -> Path:

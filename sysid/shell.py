@@ -44,12 +44,22 @@ def _words_or_files(words: Callable[[], Iterable[str]]) -> Callable[..., list[st
 
 @contextmanager
 def reader() -> Iterator[None]:
-    """Around what is printed: a reader that has closed the pipe, as `head` does, has what it wanted, and
-    changes no exit code."""
+    """Around what is printed: a reader that has closed the pipe, as `head` does, or that there never was, has
+    what it wanted, and changes no exit code. Of an output that cannot be written, as to a full disk, this is
+    said, and the process ends with 2."""
+    if sys.stdout is None:
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115
     try:
         yield
         sys.stdout.flush()
     except (BrokenPipeError, SystemExit):  # rich makes the other of the one
-        os.dup2(
-            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-        )  # or what is left in the buffer fails on the way out
+        _silence()
+    except OSError as error:
+        _silence()
+        print(f"{os.path.basename(sys.argv[0])}: standard output cannot be written: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def _silence() -> None:
+    """What is left in the buffer would fail on the way out."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -18,6 +18,7 @@ HOUSE = """
 asked
 kept
 precision
+whole
 shell
 shown
 tables     densities units ruled workbook textfile cells scattered stamps prose pieces preamble axis sheet layout csvfile csvbody joined compound melted store

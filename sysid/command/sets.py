@@ -12,6 +12,7 @@ from sysid.posterior.change import Change
 from sysid.posterior.posterior import Posterior
 from sysid.verdict.fitted import Fit
 from sysid.verdict.result import Result
+from sysid.whole import in_place_of
 
 if TYPE_CHECKING:
     from sysid.posterior.foreseen import Advised
@@ -68,12 +69,14 @@ def _put_report(
 
     whole = html.pictured(content, posterior, figures)
     beside = path.with_stem(f"{path.stem}_zoomable") if zoomable else None
+    pages = {path: html.render(content, posterior, whole, None if beside is None else beside.name)}
     if beside is not None:
         from sysid.report import zoom
 
-        beside.write_text(zoom.page(content, whole, path.name), encoding="utf-8", newline="\n")
-    text = html.render(content, posterior, whole, None if beside is None else beside.name)
-    path.write_text(text, encoding="utf-8", newline="\n")
+        pages[beside] = zoom.page(content, whole, path.name)
+    with in_place_of(*pages) as fresh:
+        for file, text in zip(fresh, pages.values(), strict=True):
+            file.write_text(text, encoding="utf-8", newline="\n")
 
 
 def load(folder: str | Path) -> Fit:

@@ -10,6 +10,7 @@ from sysid.asked import LOG, given
 from sysid.logs.benchwords import BENCH
 from sysid.logs.log import Log
 from sysid.tables import units
+from sysid.whole import in_place_of
 
 
 def columns(log: Log) -> dict[str, np.ndarray]:
@@ -47,11 +48,15 @@ def write_log(
     """
     given("log", log, Log, LOG)
     recorded = {name: values.tolist() for name, values in (columns(log) | dict(further or {})).items()}
-    with open(path, "a" if append else "w", encoding="utf-8", newline="\n") as file:
-        if not append:
-            file.writelines(f"# {_one_line(key)}: {_one_line(value)}\n" for key, value in words(log).items())
-            file.write(",".join(recorded) + "\n")
-        file.writelines(",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
+    rows = (",".join(map(repr, row)) + "\n" for row in zip(*recorded.values(), strict=True))
+    if append:
+        with open(path, "a", encoding="utf-8", newline="\n") as file:
+            file.writelines(rows)
+        return
+    with in_place_of(path) as (fresh,), open(fresh, "w", encoding="utf-8", newline="\n") as file:
+        file.writelines(f"# {_one_line(key)}: {_one_line(value)}\n" for key, value in words(log).items())
+        file.write(",".join(recorded) + "\n")
+        file.writelines(rows)
 
 
 def _one_line(value: Any) -> str:

@@ -23,6 +23,7 @@ from sysid.scene.effects import FrequencyResolution, LockIn, PhaseReset, Quantis
 from sysid.scene.profile import Profile
 from sysid.scene.scene import Scene, SceneError
 from sysid.scene.timeline import Columns, inputs_at, rows
+from sysid.whole import in_place_of
 
 
 class Samples(NamedTuple):
@@ -132,7 +133,7 @@ def _ends(signal: np.ndarray, phase: np.ndarray, last: np.ndarray, n: int) -> np
 def write_waveform(scene: Scene, rate: float, seed: int, path: str | Path) -> Iterator[int]:
     """Write the raw samples as a log of `kind: waveform`; yields the number of samples written so far."""
     done = 0
-    with open(path, "w", encoding="utf-8", newline="\n") as file:
+    with in_place_of(path) as (fresh,), open(fresh, "w", encoding="utf-8", newline="\n") as file:
         plate = {"plate": scene.metadata["plate"]} if "plate" in scene.metadata else {}
         file.writelines(f"# {key}: {value}\n" for key, value in (plate | {"kind": "waveform"}).items())
         file.write(f"time_s,drive_{scene.drive_unit},response_{scene.response_unit}\n")
