@@ -3,9 +3,11 @@ refusals."""
 
 import math
 from collections.abc import Iterable
+from numbers import Integral
 from pathlib import Path
 from typing import Any, NoReturn
 
+ABSOLUTE_ZERO = -273.15  # degC
 FIT = "a Fit, which sysid.fit(logs) returns"
 LOG = "a Log, of those that sysid.read_logs(paths) returns"
 LOOP = "a Loop, which controller.design(posterior) returns"
@@ -37,6 +39,24 @@ def every(name: str, values: Any, kind: Any, expected: str) -> list:
     found = list(values)
     for value in found:
         given(f"one of {name}", value, kind, expected)
+    return found
+
+
+def whole_number(name: str, value: Any) -> int:
+    """A whole number from 0 on. Raises TypeError for what is no whole number, ValueError for one below."""
+    if not isinstance(value, Integral):
+        refuse(name, value, "a whole number")
+    if value < 0:
+        raise ValueError(f"found {name} = {value}, expected a whole number from 0 on")
+    return int(value)
+
+
+def temperature(name: str, value: Any) -> float:
+    """A temperature in degC. Raises TypeError for what is no number, ValueError for none above absolute
+    zero."""
+    found = number(name, value)
+    if not ABSOLUTE_ZERO <= found < math.inf:
+        raise ValueError(f"found {name} = {found:g}, expected degC, above absolute zero")
     return found
 
 

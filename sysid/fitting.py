@@ -9,7 +9,8 @@ import numpy as np
 
 from sysid import reading
 from sysid.adoption.adopt import tried
-from sysid.asked import LOG, every, number
+from sysid.asked import LOG, every, temperature
+from sysid.asked import given as of_kind
 from sysid.effects.registry import ADOPTED, EFFECTS, EVERY, chosen
 from sysid.logs.log import Log
 from sysid.logs.together import in_common_units
@@ -24,7 +25,7 @@ from sysid.trials.trial import Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Hint
-from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, opposed, retold
+from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, opposed, retold, tells
 from sysid.verdict.decay import decays, of_decays
 from sysid.verdict.differing import Said, dispersion
 from sysid.verdict.finding import Finding
@@ -67,7 +68,8 @@ def fit(
     for an unknown nuisance, or for a prior that is none; TypeError for what are no logs."""
     logs = every("logs", logs, Log, LOG)
     nuisances = _named(nuisances, effects)
-    reference_temperature = number("reference_temperature", reference_temperature)
+    reference_temperature = temperature("reference_temperature", reference_temperature)
+    of_kind("start", start, Plant | None, "a sysid.Plant")
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     if priors:
         plain = fit(logs, nuisances=nuisances, reference_temperature=reference_temperature, start=start)
@@ -156,7 +158,7 @@ def _with_effects(
         )
         states = minimiser.imaged([told.state])
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
-        if anew.result is Result.successful or _tells(anew, found):
+        if anew.result is Result.successful or tells(anew, found):
             return again, anew, True
     if found.result is Result.successful and not judged.wrong and outcome.named is not None:
         return (
@@ -192,13 +194,6 @@ def _noting(fit: Fit, found: Sequence[Finding]) -> Fit:
     """The fit with what was found besides, and changes nothing of it."""
     warnings = (*fit.warnings, *(f.sentence for f in found))
     return replace(fit, findings=(*fit.findings, *found), warnings=warnings)
-
-
-def _tells(fit: Fit, before: Fit) -> bool:
-    """Whether a fit, of logs that leave something open, determines what another did."""
-    known = [n for n, p in before.parameters.items() if p.determined]
-    told = [n for n, p in fit.parameters.items() if p.determined]
-    return fit.result is Result.undetermined and bool(told) and set(known) <= set(told)
 
 
 def _alike(found: Fit, decay: Fit) -> bool:

@@ -42,6 +42,26 @@ def _words_or_files(words: Callable[[], Iterable[str]]) -> Callable[..., list[st
     ]
 
 
+def seed(text: str) -> int:
+    """A whole number that a generator of numbers starts from."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = -1
+    if not 0 <= value < 2**32:
+        raise argparse.ArgumentTypeError(
+            f"found {text or 'nothing'}, expected a whole number from 0 to {2**32 - 1}"
+        )
+    return value
+
+
+def folder(text: str) -> str:
+    """A folder's name: of a variable that the shell does not know nothing is left."""
+    if not text:
+        raise argparse.ArgumentTypeError("found nothing, expected a folder")
+    return text
+
+
 @contextmanager
 def reader() -> Iterator[None]:
     """Around what is printed: a reader that has closed the pipe, as `head` does, or that there never was, has

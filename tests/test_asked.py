@@ -24,6 +24,18 @@ LOG, FIT, LOOP = (
 )
 
 
+def test_numbers_that_cannot_be_are_refused_and_not_the_log(made):
+    """A reference of nan degC was a frequency of nan in the user's file."""
+    log = made["fit"].logs[0].log
+    for at in (np.nan, np.inf, -400.0):
+        with pytest.raises(
+            ValueError, match=f"reference_temperature = {at:g}, expected degC, above absolute"
+        ):
+            sysid.fit(log, reference_temperature=at)
+    with pytest.raises(ValueError, match="seed = -1, expected a whole number from 0 on"):
+        sysid.sample(made["fit"], seed=-1)
+
+
 @pytest.fixture(scope="module")
 def made(joint_fit):
     fit = joint_fit("plate")
@@ -49,6 +61,8 @@ def made(joint_fit):
         (lambda m: sysid.fit([], reference_temperature="24"), "reference_temperature = '24'", "a number"),
         (lambda m: sysid.sample(m["posterior"]), "fit of the type Posterior", FIT),
         (lambda m: sysid.sample(m["fit"], budget="5"), "budget = '5'", "expected a number"),
+        (lambda m: sysid.sample(m["fit"], seed="5"), "seed = '5'", "expected a whole number"),
+        (lambda m: sysid.fit(m["fit"].logs[0].log, start=3), "start = 3", "expected a sysid.Plant"),
         (lambda m: sysid.advise(m["posterior"]), "fit of the type Posterior", FIT),
         (lambda m: sysid.advise(m["fit"], design=m["loop"]), "design of the type Loop", "controller.design"),
         (lambda m: sysid.advise(m["fit"], drive="100"), "drive = '100'", "expected a number"),

@@ -157,8 +157,9 @@ def test_the_plant_of_a_fit_and_of_its_draws(scene_file, tmp_path):
     assert mean == sysid.Plant(0.03, 2e-3, 32290.0, None, reference_temperature=26.0)
     drawn = Scene.from_toml(scene_file(f"[plant]\nfit = 'fit.json'\ndraw = 4\n[log]{plain}")).plant
     np.testing.assert_allclose([drawn.tau, drawn.G], [2e-3 * 1.04, 0.03 * 1.04])
-    with pytest.raises(SceneError, match="cannot be read as a fit"):
-        Scene.from_toml(scene_file(f"[plant]\nfit = 'fit.json'\ndraw = 6\n[log]{plain}"))
+    for draw in (6, -1):
+        with pytest.raises(SceneError, match=f"found draw {draw}, expected one from 0 to 5"):
+            Scene.from_toml(scene_file(f"[plant]\nfit = 'fit.json'\ndraw = {draw}\n[log]{plain}"))
     out = tmp_path / "out"
     assert main([str(scene_file()), "-o", str(out), "--fit", str(tmp_path / "fit.json")]) == 0
     log = sysid.read_logs(out / "press.csv")[0]
@@ -264,7 +265,13 @@ def test_profiles_and_their_integrals(profile, at, integral):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"), [(["--draw", "5"], "--draw without --fit"), (["--logs", "0"], "found --logs 0")]
+    ("given", "said"),
+    [
+        (["--draw", "5"], "--draw without --fit"),
+        (["--logs", "0"], "found --logs 0"),
+        (["--seed", "-1"], "found -1, expected a whole number from 0"),
+        (["-o", ""], "found nothing, expected a folder"),
+    ],
 )
 def test_options_that_would_do_nothing_are_refused(scene_file, capsys, given, said):
     with pytest.raises(SystemExit) as left:

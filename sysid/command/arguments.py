@@ -5,12 +5,12 @@ import math
 from collections.abc import Sequence
 
 from sysid import __version__
+from sysid.asked import ABSOLUTE_ZERO
 from sysid.posterior.accuracy import NAMES
-from sysid.shell import called, completed
+from sysid.shell import called, completed, folder, seed
 
 COLUMNS = "mapping file (TOML) for logs of other instruments, or preset:NAME (sysid presets lists them)"
 REFERENCE = 24.0  # degC
-ABSOLUTE_ZERO = -273.15  # degC
 # What a check of a closed loop, a dry run and a cost curve have no use for.
 UNCHECKED = (
     "cost_curve",
@@ -75,7 +75,12 @@ def parser() -> argparse.ArgumentParser:
         "logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'"
     )
     command.add_argument(
-        "-o", dest="folder", metavar="DIR", default="identified", help="where the files go (%(default)s)"
+        "-o",
+        dest="folder",
+        type=folder,
+        metavar="DIR",
+        default="identified",
+        help="where the files go (%(default)s)",
     )
     command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     _of_the_fit(command)
@@ -183,19 +188,6 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         return math.nan
-
-
-def seed(text: str) -> int:
-    """A whole number that a generator of numbers starts from."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = -1
-    if not 0 <= value < 2**32:
-        raise argparse.ArgumentTypeError(
-            f"found {text or 'nothing'}, expected a whole number from 0 to {2**32 - 1}"
-        )
-    return value
 
 
 def effects(text: str) -> tuple[str, ...]:

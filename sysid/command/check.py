@@ -12,6 +12,7 @@ from pathlib import Path
 from sysid.command.arguments import COLUMNS, columns_of
 from sysid.command.refusal import refuse
 from sysid.shell import called, completed, reader
+from sysid.shell import folder as as_folder
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-o",
         dest="folder",
+        type=as_folder,
         metavar="DIR",
         default="identified",
         help="the folder of controller.json (%(default)s)",

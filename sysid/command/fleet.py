@@ -19,7 +19,7 @@ from sysid import __version__
 from sysid.command.arguments import COLUMNS, REFERENCE, columns_of, effects, prior, seed, temperature
 from sysid.command.refusal import refuse
 from sysid.posterior.accuracy import NAMES
-from sysid.shell import called, completed, reader
+from sysid.shell import called, completed, folder, reader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,12 @@ def parser() -> argparse.ArgumentParser:
         "logs", nargs="+", metavar="LOGS_OR_FOLDERS", help="files, folders (with those below), patterns"
     )
     command.add_argument(
-        "-o", dest="folder", metavar="DIR", default="fleet", help="where the files go (%(default)s)"
+        "-o",
+        dest="folder",
+        type=folder,
+        metavar="DIR",
+        default="fleet",
+        help="where the files go (%(default)s)",
     )
     command.add_argument(
         "--by",
@@ -122,10 +127,16 @@ def _jobs(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
+    from sysid.command.outputs import staging
     from sysid.fleet.engine import EngineError
     from sysid.fleet.run import fit_fleet
     from sysid.tables.textfile import LogError
 
+    try:
+        with staging(Path(arguments.folder)):
+            pass
+    except OSError as error:
+        return refuse(f"{arguments.folder}: cannot be written: {error}", command="fleet")
     told = ("by", "folder", "jobs", "scheduler", "accuracy", "full", "shrink", "seed", "columns")
     names = (*told, "reference_temperature")
     given = {name: getattr(arguments, name) for name in names}
@@ -159,7 +170,7 @@ def _progress() -> "Iterator[Callable[[int, int], None] | None]":
         yield lambda done, of: bar.update(task, completed=done, total=of)
 
 
-def _say(frame: "pd.DataFrame", folder: Path) -> None:
+def _say(frame: "pd.DataFrame", where: Path) -> None:
     """One screen: the lot, the plates that are odd and why, what many plates warn of, where the files are."""
     from sysid.fleet import words
     from sysid.report import screen
@@ -183,4 +194,4 @@ def _say(frame: "pd.DataFrame", folder: Path) -> None:
         print(clean(line))
     for count, warning in words.repeated(frame)[:SHOWN]:
         print(f"warning of {count} plate{'s' if count > 1 else ''}: {clean(warning)}")
-    print(f"\n{clean(str(folder))}: {', '.join(frame.attrs['files'])}")
+    print(f"\n{clean(str(where))}: {', '.join(frame.attrs['files'])}")

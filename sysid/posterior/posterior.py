@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sysid.asked import FIT, given, number
+from sysid.asked import FIT, given, number, whole_number
 from sysid.posterior.accuracy import Rung, above, up_to
 from sysid.posterior.circuit import Circuit, circuit
 from sysid.posterior.diagnostics import Convergence, ess, rhat
@@ -199,6 +199,7 @@ def sample(
     ValueError for a budget that is no time.
     """
     given("fit", fit, Fit, FIT)
+    seed = whole_number("seed", seed)
     if budget is not None and not number("budget", budget) >= 0:
         raise ValueError(f"found budget = {budget:g}, expected seconds, 0 or more")
     until = np.inf if budget is None else perf_counter() + budget

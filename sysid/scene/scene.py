@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from sysid.asked import ABSOLUTE_ZERO
 from sysid.logs.log import Log
 from sysid.model.plant import Plant
 from sysid.scene import engine
@@ -42,7 +43,6 @@ from sysid.shown import Shown
 
 FIDELITIES = (*engine.RUNGS, "carrier", "auto")
 MOST_STEPS = 16384  # between two rows
-ABSOLUTE_ZERO = -273.15  # degC
 NEAR = 1e-6  # of the time between rows: a change of the inputs as near as that to a row is at the row
 
 # What a number of a scene has to be where it means nothing otherwise: a limit, a time constant, a deviation.

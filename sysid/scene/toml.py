@@ -352,6 +352,9 @@ def fitted(path: Path, draw: int | None = None) -> Plant:
                     for name, v in file["posterior"].variables.items()
                     if name in values
                 }
+            count = min(map(len, drawn.values()), default=0)
+            if not 0 <= draw < count:
+                raise SceneError(f"{path}: found draw {draw}, expected one from 0 to {count - 1}")
             values |= {name: float(v[draw]) for name, v in drawn.items()}
     except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read as a fit: {error!r}") from None

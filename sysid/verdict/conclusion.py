@@ -339,6 +339,13 @@ def opposed(fit: Fit, stated: Mapping[str, tuple[float, float]], at: float) -> F
     return replace(fit, warnings=(*said, *fit.warnings)) if said else None
 
 
+def tells(fit: Fit, before: Fit) -> bool:
+    """Whether a fit, of logs that leave something open, determines what another did."""
+    known = [n for n, p in before.parameters.items() if p.determined]
+    told = [n for n, p in fit.parameters.items() if p.determined]
+    return fit.result is Result.undetermined and bool(told) and set(known) <= set(told)
+
+
 def _units(logs: Sequence[Log]) -> dict[str, str]:
     drive, unit = next((log.drive_unit for log in logs if log.drive is not None), ""), logs[0].response_unit
     gain = f"{unit}/{drive}" if drive else unit
