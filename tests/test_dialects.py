@@ -516,6 +516,13 @@ def test_names_in_capitals_and_units_below_them(save, above, delimiter, decimal)
     assert (log.drive_unit, log.response_unit) == ("V", "nm")
 
 
+@pytest.mark.parametrize("head", ["Date time", "Date & Time", "Date and time (UTC)", "Datum Zeit"])
+def test_a_date_and_a_time_in_one_column_are_a_time(save, head):
+    rows = "".join(f"2024-03-31 12:00:0{k};{k};1\n" for k in range(4))
+    (log,) = read_logs(save(f"{head};Spannung [V];w [um]\n" + rows))
+    assert log.time.tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
 def test_a_time_of_day_goes_before_a_date_beside_it(save):
     rows = "".join(f"2024-03-31;12:00:0{k};{k};1\n" for k in range(4))
     (log,) = read_logs(save("Datum;Uhrzeit;Spannung [V];w [um]\n" + rows))

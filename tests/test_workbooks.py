@@ -87,6 +87,26 @@ def test_a_table_may_stand_anywhere_and_notes_on_a_sheet_of_their_own(book):
     assert log.temperature[0] == 24 and log.frequency[0] == 32290
 
 
+@pytest.mark.parametrize(
+    "above",
+    [
+        [["temperature_degC: 15.1"]],
+        [["Temperature [°C]", 15.1]],
+        [["# Temperature [°C]", 15.1], []],
+        [["Temperature", 15.1, "°C"], ["Voltage [V]", 1]],
+        [["My plate"], ["Temperature:", 15.1, "°C"], []],
+    ],
+)
+def test_what_is_noted_above_a_table_is_read(book, above):
+    """A sheet has no mark of its own for a note: each was left out, and k_T was lost. What has the name of a
+    column, as the voltage, is not taken for it."""
+    (log,) = sysid.read_logs(book(Sheet1=[*above, *cells(SWEEP, False)]))
+    (known,) = sysid.read_logs(SWEEP)
+    assert np.all(log.temperature == 15.1)
+    np.testing.assert_array_equal(log.response, known.response)
+    np.testing.assert_array_equal(log.drive, known.drive)
+
+
 def test_dates_are_read_as_such(book):
     rows = cells(STEP, comments=False)
     begun = datetime.datetime(2026, 3, 1, 12)

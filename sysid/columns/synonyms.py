@@ -1,6 +1,7 @@
 """Columns of a header that have another usual name, or that are nearly one of ours."""
 
 import dataclasses
+import re
 from collections.abc import Mapping
 
 from sysid.columns.labels import ANGULAR, INPUTS, STAMPED, folded
@@ -65,8 +66,11 @@ def _dates_time(head: Head, label: str, sources: Mapping[str, Source]) -> str | 
 
 
 def is_called_time(label: str) -> bool:
-    """Whether a column is called a time, or a date."""
-    return bool({folded(label), folded(units.split_unit(label)[0])} & {*INPUTS["time"], *STAMPED})
+    """Whether a column is called a time, or a date, or both."""
+    known, name = {*INPUTS["time"], *STAMPED}, units.split_unit(label)[0]
+    words = re.findall(r"\w+", folded(name))
+    said = {*words} - {"and", "und", "et", "y", "e"}
+    return bool({folded(label), folded(name)} & known) or (bool(said) and known.issuperset(said))
 
 
 def add_source(head: Head, sources: dict[str, Source], label: str, source: Source) -> bool:

@@ -74,17 +74,43 @@ def as_text(path: str) -> bytes:
     tables = [book.tables[sheet]] if sheet else [*book.tables.values()][:1]
     text = io.StringIO()
     writer = csv.writer(text, delimiter=MARK, lineterminator="\n")
-    for rows in book.notes:
+    above, table = _parts(tables[0]) if tables else ([], [])
+    for rows in (*book.notes, above):
         text.writelines(f"# {_noted(row)}\n" for row in rows)
-    for rows in tables:
-        writer.writerows(rows)
+    writer.writerows(table)
     return text.getvalue().encode()
 
 
 def _noted(row: list[str]) -> str:
     """A line of notes: a name, and what stands behind it."""
     name, *more = [cell for cell in row if cell] or [""]
+    name = name.lstrip("# ")
     return f"{name.rstrip(':= ')}: {' '.join(more)}" if more else name
+
+
+def _parts(rows: Rows) -> tuple[Rows, Rows]:
+    """What is noted above a table, and the table: a sheet has no mark of its own for a note. What has the
+    name of a column stays where it is."""
+    begin = next((k for k, row in enumerate(rows) if sum(map(_is_number, row)) > 1), 0)
+    head = {_name(cell) for row in rows[:begin] if len(_filled(row)) > 1 for cell in row if not _notes(row)}
+    above = [row for row in rows[:begin] if _notes(row) and _name(_filled(row)[0]) not in head]
+    return above, [row for row in rows if row not in above]
+
+
+def _filled(row: list[str]) -> list[str]:
+    return [cell for cell in row if cell]
+
+
+def _notes(row: list[str]) -> bool:
+    """Whether a row is a text, or a name with a number, and a unit perhaps."""
+    name, *more = _filled(row) or [""]
+    numbers = [*map(_is_number, more)]
+    return bool(name) and not _is_number(name) and numbers in ([], [True], [True, False])
+
+
+def _name(text: str) -> str:
+    """The first word of a head."""
+    return re.split(r"[\s\[(_:=]", text.lstrip("# "), maxsplit=1)[0].casefold()
 
 
 def _parted(path: str) -> tuple[str, str]:
