@@ -34,7 +34,7 @@ from sysid.verdict.gain_confounding import confounds_gain, tightened, with_feedt
 from sysid.verdict.ownership import OTHER, otherwise, owned
 from sysid.verdict.result import Result
 from sysid.verdict.sensor_delay import with_delays
-from sysid.verdict.unexplained import slow
+from sysid.verdict.unexplained import noise_like, slow
 
 log = logging.getLogger(__name__)
 TWICE = 2  # in a first fit the feedthrough of other logs makes up for what points at one frequency lack
@@ -130,8 +130,11 @@ def _named(nuisances: str | Sequence[str], effects: str | Sequence[str] | None) 
 
 def _called_for(best: State, judged: Judged, names: Sequence[str]) -> list[str]:
     """The effects of these names that a minimum may call for: of logs that only differ, none that lasts for a
-    while; of what harms nothing, those that it is to first order."""
+    while; nor of those that hold no more than noise, slow as it may be; of what harms nothing, those that it
+    is to first order."""
     each = [e for e in EFFECTS if e.hop is None or judged.apart is None]
+    if not judged.wrong and all(map(noise_like, best.trials, best.models)):
+        each = [e for e in each if e.hop is None]
     if not judged.wrong and not any(slow(best, i) for i in range(len(best.trials))):
         known = {f.name for f in judged.found if f.certain}
         each = [e for e in each if known & {e.name, *e.known_as}]

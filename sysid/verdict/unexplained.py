@@ -186,6 +186,14 @@ def is_coloured_noise(trial: Trial, residual: np.ndarray, model: np.ndarray) -> 
     return bool(np.max(np.abs([*shared, uneven])) < CHANCE)
 
 
+def noise_like(trial: Trial, model: np.ndarray) -> bool:
+    """Whether what is left of a log beside a model is noise, of each row's own or coloured."""
+    if shared(trial, model)[1] > SIGNIFICANT:
+        recorded = trial.as_recorded(model)
+        return is_coloured_noise(trial, trial.residual(recorded), recorded)
+    return True
+
+
 def _near_changes(residual: np.ndarray, since: np.ndarray, tau: float) -> bool:
     """Whether the residual is larger soon than long `since` the inputs changed: a misfit; coloured noise is
     everywhere."""
