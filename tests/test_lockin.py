@@ -452,6 +452,21 @@ def test_eight_bits(save):
         assert std < 1e-3, name
 
 
+@pytest.mark.parametrize("steps", [0, 127])
+@pytest.mark.parametrize("level, clipped", [(1.2, True), (3.0, False)])
+def test_samples_that_a_recorder_cut_off_are_told(save, steps, level, clipped):
+    """A response of 2 um that a recorder takes up to 1.2 um, in 127 steps or in floats: hundreds of samples lie
+    on one value, and the fit called it a finger. One of 8 bits that takes all of it is not accused."""
+    drive = [(0.0, 0.0, 32290.0), (2e-3, 100.0, 32290.0, 0.4), (10e-3, 0.0, 32290.0)]
+    time, v, w = samples(PLATE, drive, 0.0165, noise=0.002)
+    w = np.clip(w, -level, level)
+    w = np.round(w / level * steps) / steps * level if steps else w
+    (log,) = read_logs(save(time, v, w))
+    assert (
+        any("saturated" in said and "samples lie exactly at 1.2" in said for said in log.warnings) is clipped
+    )
+
+
 @pytest.mark.study
 def test_velocity_delay_and_a_drive_beside_an_offset(tmp_path, save):
     drive = [(0.0, 0.0, 32290.0), (2e-3, 100.0, 32290.0, 0.4), (10e-3, 0.0, 32290.0)]

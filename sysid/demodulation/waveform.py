@@ -34,6 +34,8 @@ LEAST = 16  # blocks in a waveform
 NYQUIST = 0.45
 RATE = 1e-3  # by which a stated sample rate may differ from that of the time stamps
 STATED = 1e-3  # by which a stated frequency may differ from the drive's
+TIED = 20  # samples on one value, of which fewer may be chance
+OUTERMOST = 5.0  # times as many as on the step below: twice as many as a carrier has
 
 
 class Rows(NamedTuple):
@@ -264,7 +266,22 @@ def from_samples(
         "sampling": "instant",
         "bench": bench,
         "notes": (*given["notes"], said, *rows.notes),
+        "warnings": (*given["warnings"], *_saturated(head.name, raw[0], unit)),
     }
+
+
+def _saturated(name: str, samples: np.ndarray, unit: str) -> tuple[str, ...]:
+    """What to say of samples that lie on their largest or smallest value, as many as no carrier has there:
+    one recorded in steps has (sqrt(2) + 1) times as many on the outermost as on the one below."""
+    for sign in (1, -1):
+        ordered = np.sort(sign * samples)
+        top = len(ordered) - int(np.searchsorted(ordered, ordered[-1]))
+        below = ordered[: len(ordered) - top]
+        beside = len(below) - int(np.searchsorted(below, below[-1])) if len(below) else 0
+        if top >= TIED and beside and top > OUTERMOST * beside:
+            said = f"{top} samples lie exactly at {sign * ordered[-1]:.4g} {unit}"
+            return (f"{name}: saturated: {said}; record it again within the range",)
+    return ()
 
 
 def _held(values: np.ndarray, rows: Rows) -> np.ndarray:
