@@ -63,11 +63,11 @@ def _time_integral(unit: str) -> str:
 
 
 def is_analysed(plan: Plan) -> bool:
-    """Whether a response is a ratio as analysers measure it, an impedance, an admittance or of S."""
-    siemens = any(
-        units.is_of(plan.sources[name].unit, "S") for name in ("x", "magnitude") if name in plan.sources
-    )
-    return plan.quantity in RATIOS or (plan.quantity == "current" and siemens)
+    """Whether a response is a ratio as analysers measure it, an impedance, which of a coil in a magnet is its
+    velocity, an admittance or of S."""
+    shown = [plan.sources[name].unit for name in ("x", "magnitude") if name in plan.sources]
+    of = {"current": "S", "velocity": "ohm"}.get(plan.quantity)
+    return plan.quantity in RATIOS or (of is not None and any(units.is_of(unit, of) for unit in shown))
 
 
 def _inverted(impedance: np.ndarray, where: str) -> np.ndarray:

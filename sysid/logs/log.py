@@ -65,6 +65,10 @@ class Log(Shown):
     temperature_digit: float = 0.0
     # read in decibels, or by an impedance analyser: the noise is a fraction of the response
     relative_noise: bool = False
+    # measured at the terminals that drive it, as by an impedance analyser: no sensor of its own is late
+    analysed: bool = False
+    # `std` is not stated by rows but how noise that is even in what was measured goes with them
+    even: bool = False
 
     def __post_init__(self) -> None:
         for name in ("response", "time", "drive", "frequency", "temperature", "force", "std", "theta"):

@@ -171,6 +171,9 @@ def log_of(
         sha256=body.sha256,
         temperature_digit=digit,
         relative_noise=fields.get("std") is None and _in_proportion(plan),
+        analysed=is_analysed(plan),
+        # of scattering parameters, whose reference is told, they follow from these
+        even=fields.get("std") is not None and (not stated_errors or "reference_ohm" in plan.metadata),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(

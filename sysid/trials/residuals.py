@@ -64,10 +64,11 @@ def update_noise(
 def _with_spread(trial: Trial, model: np.ndarray, course: LogResponse, floor: float, round_: int) -> Trial:
     """The trial with the variation of its noise from row to row: Rice's for amplitudes, a share proportional
     to the response, or the effect of time stamps that scatter while the response moves. Where the log states
-    it, it is known."""
-    if trial.noise.stated is not None:
+    it, it is known; of noise that is even in what was measured all is over that."""
+    if trial.noise.stated is not None and not trial.log.even:
         return trial
-    least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale
+    least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale / _law(trial)
+    size = size / max(np.max(size), 1.0)
     share = _share(trial, model, size, least, round_)
     scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))
     if round_ >= HELD and share == trial.noise.share and (trial.signed or not trial.steady):
@@ -77,6 +78,11 @@ def _with_spread(trial: Trial, model: np.ndarray, course: LogResponse, floor: fl
         return trial
     spread = None if flat else np.sqrt((1 - share) * least**2 + share * size**2 + (scatter * speed) ** 2)
     return trial.in_noise(replace(trial.noise, share=share, scatter=scatter, spread=spread))
+
+
+def _law(trial: Trial) -> np.ndarray | float:
+    """(n,) the noise of each row, if it is even in what was measured, over that of a usual one."""
+    return 1.0 if trial.noise.stated is None else trial.noise.stated
 
 
 def _scatter(trial: Trial, model: np.ndarray, course: LogResponse, round_: int) -> tuple[float, np.ndarray]:
@@ -132,7 +138,7 @@ def _share(trial: Trial, model: np.ndarray, size: np.ndarray, least: np.ndarray,
     if not 0 < round_ < HELD or not scatters:
         return trial.noise.share
     there = trial.there
-    left = (trial.residual(model) * np.sqrt(trial.noise.count))[there]
+    left = (trial.residual(model) * np.sqrt(trial.noise.count) / _law(trial))[there]
     if trial.steps and np.std(left) < COARSE * np.linalg.norm(trial.steps):
         return 0.0  # at rest there is less of rounding than of noise
     # a mean of periodograms scatters as it is large

@@ -89,8 +89,9 @@ def with_delays(state: State, reference: tuple[float, float]) -> Delays:
 
 
 def _may_be_late(trial: Trial) -> bool:
-    """Settled points along the frequency, of which not stated is that nothing is late."""
-    swept = trial.steady and trial.driven and not trial.at_one_frequency
+    """Settled points along the frequency, of which not stated is that nothing is late: what is measured at
+    the terminals that drive it has no sensor of its own."""
+    swept = trial.steady and trial.driven and not (trial.at_one_frequency or trial.log.analysed)
     return swept and "feedthrough" in trial.shapes and trial.log.bench.get("delay_s") != 0
 
 
