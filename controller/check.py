@@ -89,7 +89,7 @@ def check(controller: Mapping[str, Any], log: Log) -> list[Finding]:
         found.append(_tracked(record))
         if log.frequency is not None:
             found += [_beside(record), _window(record)]
-    return [f for f in found if f is not None]
+    return [f._replace(hint="") if f.kept else f for f in found if f is not None]
 
 
 def _refusals(controller: Mapping[str, Any], log: Log) -> Iterator[str]:

@@ -14,7 +14,7 @@
  *     each step:  in.wd = response.wd; in.wq = response.wq; in.clipped = response.clipped;
  *                              in.samples = response.samples;  out = dq_step(&loop, &in);
  *
- * No heap, no recursion, no library, and no loop but over at most DQ_DELAY_MAX numbers. Not reentrant for one dq_state.
+ * No heap, no recursion, no library function, and no loop but over at most DQ_DELAY_MAX numbers. Not reentrant for one dq_state.
  */
 #ifndef DQ_H
 #define DQ_H

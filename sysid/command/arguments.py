@@ -115,10 +115,10 @@ def _of_the_fit(command: argparse.ArgumentParser) -> None:
         type=effects,
         metavar="LIST",
         help="what the bench may have added to the logs, with commas between, or none; unless stated"
-        " rotation, background, offset, start, late and thermometer, and where the logs call for them delay,"
-        " filter (of a lock-in), duffing, second_mode, feedthrough (under amplitudes), dwell (of a sweep too"
-        " fast) and saturation; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of"
-        " the temperature's sensor), gain and baseline (an output offset that goes on with the time)",
+        " rotation, background, offset, start, late and thermometer, and where the logs call for them all"
+        " others that docs/errors.md lists, as delay, filter (of a lock-in), duffing, second_mode and"
+        " saturation; --effects=-late leaves one out, --effects=+drift adds one of drift, lag (of the"
+        " temperature's sensor), gain and baseline (an output offset that goes on with the time)",
     )
     command.add_argument(
         "--prior",
