@@ -72,8 +72,9 @@ def fit(
     of_kind("start", start, Plant | None, "a sysid.Plant")
     given = {"nuisances": nuisances, "priors": priors, "reference_temperature": reference_temperature}
     if priors:
+        stated = checked(priors)
         plain = fit(logs, nuisances=nuisances, reference_temperature=reference_temperature, start=start)
-        if (told := opposed(plain, checked(priors), reference_temperature)) is not None:
+        if (told := opposed(plain, stated, reference_temperature)) is not None:
             return told
     question, states = _asked(logs, nuisances, priors, reference_temperature, start)
     best = states[0]

@@ -5,7 +5,7 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 # environment variable of a shell that asks: the place of the command in its line, from 1
 ASKED = "_ARGCOMPLETE"
@@ -82,4 +82,5 @@ def reader() -> Iterator[None]:
 
 def _silence() -> None:
     """What is left in the buffer would fail on the way out."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    with suppress(OSError, ValueError):  # of what is no file nothing is left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -166,6 +166,8 @@ def test_an_acceleration_in_g_is_one_in_metres_per_second_squared(save):
         (log,) = read_logs(save(table(f"Freq (Hz),Current (A),{head},Phase (deg)", *columns)))
         np.testing.assert_allclose(log.response, 1e-6 * 1j * S, rtol=1e-9)
         assert log.response_unit == "m" and log.drive_unit == "A"
+    for name in ("acceleration_g^2/Hz", "acc_g_phase_deg", "accuracy_g"):
+        assert parse(name).unit != "g", name
     (log,) = read_logs(save(table("Freq (Hz);Mag [dB re 1 g/V];Phase [deg]", F, *decibel(g))))
     np.testing.assert_allclose(log.response, 1e-6 * 1j * S, rtol=1e-9)
     assert log.response_unit == "m" and np.all(log.drive == 1)

@@ -142,6 +142,16 @@ def test_the_times_of_a_serial_monitor_are_coarser_than_the_board_s_own(save, sa
         lines = [names, *rows]
     (log,) = read_logs(save("".join(f"12:00:00.000 -> {line}\n" for line in lines), "burst.txt"))
     check_step(log)
+    if says:  # without a time of the board's, over midnight, and with a line on which nothing came
+        stamps = [
+            f"{23 if k < 50 else 0:02d}:{59 if k < 50 else 0:02d}:{59 if k < 50 else 0:02d}"
+            for k in range(len(lines))
+        ]
+        parts = [f".{(950 + k) % 1000:03d}" for k in range(len(lines))]
+        rest = [line.partition(",")[2] for line in lines]
+        text = [f"{a}{b} -> {c}\n" for a, b, c in zip(stamps, parts, rest, strict=True)]
+        (later,) = read_logs(save("".join([*text[:70], "00:00:00.500 -> \n", *text[70:]]), "night.txt"))
+        np.testing.assert_allclose(later.time - later.time[0], 1e-3 * np.arange(len(lines)), atol=1e-9)
 
 
 @pytest.mark.parametrize(

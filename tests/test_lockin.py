@@ -467,6 +467,14 @@ def test_samples_that_a_recorder_cut_off_are_told(save, steps, level, clipped):
     )
 
 
+def test_a_carrier_of_few_phases_is_not_taken_for_one_that_is_cut_off(save):
+    """At 25 samples a period a settled response has one on its top in each, and few on the step below."""
+    plate = PLATE | {"f0": 40000.0}
+    time, v, w = samples(plate, [(0.0, 0.0, 40000.0), (2e-3, 50.0, 40000.0)], 0.06)
+    (log,) = read_logs(save(time, v, np.round(w / 2e-3) * 2e-3))
+    assert not any("saturated" in said for said in log.warnings)
+
+
 @pytest.mark.study
 def test_velocity_delay_and_a_drive_beside_an_offset(tmp_path, save):
     drive = [(0.0, 0.0, 32290.0), (2e-3, 100.0, 32290.0, 0.4), (10e-3, 0.0, 32290.0)]

@@ -55,6 +55,19 @@ def test_files_take_the_place_of_others_together(tmp_path):
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a": "new", "b": "new"}
 
 
+def test_what_may_not_be_written_is_refused_before_anything_is(tmp_path):
+    (tmp_path / "a").write_text("older")
+    (tmp_path / "a").chmod(0o600)
+    (tmp_path / "b").mkdir()
+    with pytest.raises(IsADirectoryError, match="b"), in_place_of(tmp_path / "a", tmp_path / "b"):
+        raise AssertionError
+    with pytest.raises(FileNotFoundError, match="nowhere"), in_place_of(tmp_path / "nowhere" / "c"):
+        raise AssertionError
+    with in_place_of(tmp_path / "a") as (fresh,):
+        fresh.write_text("new")
+    assert (tmp_path / "a").read_text() == "new" and (tmp_path / "a").stat().st_mode & 0o777 == 0o600
+
+
 def test_a_link_stays_one_and_what_is_no_file_is_written_as_it_is(tmp_path):
     (link := tmp_path / "link").symlink_to(tmp_path / "file")
     with in_place_of(link) as (fresh,):

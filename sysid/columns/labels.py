@@ -350,7 +350,8 @@ def _unit(text: str) -> tuple[str, str]:
         whole := in_usual_letters(found[1])
     ):
         return whole, text.removesuffix(found[0])  # acceleration_m/s^2, Real g/V: all of it
-    if found := re.match(r"(?i)(acc[a-z]*)[_\s](m?g)(?![a-z])", bare):
+    stem = units.split_amplitude(bare.strip())[0]
+    if found := re.fullmatch(r"(?i)(acc|accel|acceleration)[_\s](m?g)", stem):
         return found[2].lower(), found[1]
     for pattern, usual in _ENDINGS:
         found = re.search(pattern, bare)

@@ -35,7 +35,8 @@ NYQUIST = 0.45
 RATE = 1e-3  # by which a stated sample rate may differ from that of the time stamps
 STATED = 1e-3  # by which a stated frequency may differ from the drive's
 TIED = 20  # samples on one value, of which fewer may be chance
-OUTERMOST = 5.0  # times as many as on the step below: twice as many as a carrier has
+RUN = 3  # of them in a row, on the average: of few samples a period two may lie on either side of its top
+LONGER = 2.0  # times as long as a carrier stays there
 
 
 class Rows(NamedTuple):
@@ -271,15 +272,20 @@ def from_samples(
 
 
 def _saturated(name: str, samples: np.ndarray, unit: str) -> tuple[str, ...]:
-    """What to say of samples that lie on their largest or smallest value, as many as no carrier has there:
-    one recorded in steps has (sqrt(2) + 1) times as many on the outermost as on the one below."""
+    """What to say of samples that lie on their largest or smallest value for longer than a carrier stays
+    within the step to the next value below: of a share arccos(1 - step/amplitude)/pi of a period."""
+    half = 0.5 * float(np.ptp(samples))
     for sign in (1, -1):
-        ordered = np.sort(sign * samples)
-        top = len(ordered) - int(np.searchsorted(ordered, ordered[-1]))
-        below = ordered[: len(ordered) - top]
-        beside = len(below) - int(np.searchsorted(below, below[-1])) if len(below) else 0
-        if top >= TIED and beside and top > OUTERMOST * beside:
-            said = f"{top} samples lie exactly at {sign * ordered[-1]:.4g} {unit}"
+        top = float(np.max(sign * samples))
+        tied = np.flatnonzero(sign * samples == top)
+        below = np.max(sign * samples, where=sign * samples < top, initial=-np.inf)
+        if len(tied) < TIED or not np.isfinite(below):
+            continue
+        share = len(tied) / (tied[-1] - tied[0] + 1)
+        if len(tied) < RUN * (1 + np.count_nonzero(np.diff(tied) > 1)):
+            continue
+        if share > LONGER * np.arccos(1 - min((top - below) / half, 2.0)) / np.pi:
+            said = f"{len(tied)} samples lie exactly at {sign * top:.4g} {unit}"
             return (f"{name}: saturated: {said}; record it again within the range",)
     return ()
 

@@ -43,6 +43,7 @@ NEAR = 1 << 16  # bytes in which a file that is one long line to others shows wh
 DOUBLED = b"\r\r\n"  # of a line end that went through a file in text mode of Windows
 # A time that a serial monitor writes before each line that it receives.
 _RECEIVED = re.compile(rb"^(\d\d:\d\d:\d\d\.\d{3}) -> ", re.MULTILINE)
+DAY = 86400.0
 _RECEIVED_LINE = re.compile(rb"^(\d\d):(\d\d):(\d\d\.\d{3}) -> ([^\r\n]*)", re.MULTILINE)
 _NAMED = re.compile(rb"\s*[^\W\d][^:=]*[:=]\s*[-+.\d]")  # a cell that says its name, as x:0.5
 # The names of columns on the first line, with lines of their own in quotes; no comment that holds a quote.
@@ -184,7 +185,7 @@ def _from_lines(path: str) -> BinaryIO:
         mark = next((mark for mark in (b",", b";", b"\t") if mark in first), b" ")
         cells = _RECEIVED.sub(b"", first).strip().split(mark)
         if all(_NAMED.match(cell) for cell in cells):
-            text = _RECEIVED_LINE.sub(lambda line: _with_clock(line, mark), text)
+            text = _clocked(text, mark)
         else:
             text = _RECEIVED.sub(rb"\1" + mark, text)
             text = b"timestamp" + text[text.index(mark) :] if re.search(rb"[A-Za-z]", first) else text
@@ -194,10 +195,19 @@ def _from_lines(path: str) -> BinaryIO:
     return io.BytesIO(unruled(text) if is_ruled(text[:NEAR]) else text)
 
 
-def _with_clock(line: re.Match[bytes], mark: bytes) -> bytes:
-    """A line of cells that say their names, the time of a serial monitor as the last of them."""
-    hours, minutes, seconds = (float(part) for part in line.groups()[:3])
-    return line[4] + mark + f"timestamp_s:{3600 * hours + 60 * minutes + seconds:.3f}".encode()
+def _clocked(text: bytes, mark: bytes) -> bytes:
+    """Lines of cells that say their names, the time of a serial monitor, which goes on past midnight, as the
+    last of them; without those on which nothing was received."""
+    last, days = 0.0, 0
+
+    def clocked(line: re.Match[bytes]) -> bytes:
+        nonlocal last, days
+        hours, minutes, seconds = (float(part) for part in line.groups()[:3])
+        now = 3600 * hours + 60 * minutes + seconds
+        days, last = days + (now < last - DAY / 2), now
+        return line[4] + mark + f"timestamp_s:{now + DAY * days:.3f}".encode() if line[4].strip() else b""
+
+    return _RECEIVED_LINE.sub(clocked, text)
 
 
 def read_line(path: str, file: BinaryIO, number: int) -> bytes:

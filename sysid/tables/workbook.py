@@ -94,7 +94,7 @@ def _parts(rows: Rows) -> tuple[Rows, Rows]:
     begin = next((k for k, row in enumerate(rows) if sum(map(_is_number, row)) > 1), 0)
     head = {_name(cell) for row in rows[:begin] if len(_filled(row)) > 1 for cell in row if not _notes(row)}
     above = [row for row in rows[:begin] if _notes(row) and _name(_filled(row)[0]) not in head]
-    return above, [row for row in rows if row not in above]
+    return above, [*(row for row in rows[:begin] if row not in above), *rows[begin:]]
 
 
 def _filled(row: list[str]) -> list[str]:

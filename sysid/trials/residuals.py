@@ -68,7 +68,7 @@ def _with_spread(trial: Trial, model: np.ndarray, course: LogResponse, floor: fl
     if trial.noise.stated is not None and not trial.log.even:
         return trial
     least, size = _of_amplitudes(trial, model, floor), np.abs(model) / trial.scale / _law(trial)
-    size = size / max(np.max(size), 1.0)
+    size = size if trial.noise.stated is None else size / max(np.max(size), 1.0)
     share = _share(trial, model, size, least, round_)
     scatter, speed = _scatter(trial, model, course, round_) if share == 0 else (0.0, np.zeros(len(size)))
     if round_ >= HELD and share == trial.noise.share and (trial.signed or not trial.steady):
@@ -122,7 +122,8 @@ def _of_amplitudes(trial: Trial, model: np.ndarray, floor: float) -> np.ndarray:
     if trial.steady:
         return least
     there = trial.there
-    left, own = (trial.residual(model) * np.sqrt(trial.noise.count))[there], least[there]
+    left = (trial.residual(model) * np.sqrt(trial.noise.count) / _law(trial))[there]
+    own = least[there]
     gained = -0.5 * len(left) * np.log(np.mean((left / own) ** 2) / np.mean(left**2)) - np.sum(np.log(own))
     return least if gained > 0 else even
 

@@ -315,12 +315,18 @@ def _unharmed(found: Found) -> str:
 
 
 def _believed(fit: Fit, reference_temperature: float) -> list[str]:
-    """Sentences on where what was stated beforehand speaks."""
+    """Sentences on where what was stated beforehand speaks, or contradicts logs that are not described
+    without it either."""
     said = []
     for name, (value, std) in fit.priors.items():
-        _, error = alone(fit, name, reference_temperature)
-        if 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
-            known = f"{value:.7g} ± {std:.2g} {fit.units[name]}"
+        found, error = alone(fit, name, reference_temperature)
+        known = f"{value:.7g} ± {std:.2g} {fit.units[name]}"
+        if abs(found - value) > CONTRADICTS * np.hypot(error, std):
+            said.append(
+                f"{name}: the logs contradict what is stated beforehand, {known}; check which is wrong, and"
+                " in which unit"
+            )
+        elif 1 / np.hypot(1 / error, 1 / std) < SHARES * error:
             said.append(
                 f"{name}: what is stated beforehand speaks, {known}; the logs alone leave ± {error:.2g}"
             )
