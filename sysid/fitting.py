@@ -359,9 +359,8 @@ def _asked(
         warnings += doubts
     states = [unfolded(minimiser, s) for s in states]
     read = _with_priors(read, states[0].trials)
-    return FitProblem(
-        minimiser, read, stated, reference_temperature, tuple(warnings), apart, sampling
-    ), states
+    problem = FitProblem(minimiser, read, stated, reference_temperature, tuple(warnings), apart, sampling)
+    return problem, states
 
 
 def _with_thermometers(

@@ -55,7 +55,14 @@ def seed(text: str) -> int:
     return value
 
 
-def folder(text: str) -> str:
+def add_folder(command: argparse.ArgumentParser, default: str, what: str = "where the files go") -> None:
+    """The option -o."""
+    command.add_argument(
+        "-o", dest="folder", type=_folder, metavar="DIR", default=default, help=f"{what} (%(default)s)"
+    )
+
+
+def _folder(text: str) -> str:
     """A folder's name: of a variable that the shell does not know nothing is left."""
     if not text:
         raise argparse.ArgumentTypeError("found nothing, expected a folder")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sysid import __version__
 from sysid.asked import ABSOLUTE_ZERO
 from sysid.posterior.accuracy import NAMES
-from sysid.shell import called, completed, folder, seed
+from sysid.shell import add_folder, called, completed, seed
 
 COLUMNS = "mapping file (TOML) for logs of other instruments, or preset:NAME (sysid presets lists them)"
 REFERENCE = 24.0  # degC
@@ -74,14 +74,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "logs", nargs="*", metavar="LOGS", help="CSV files of one plate, or patterns such as 'logs/*.csv'"
     )
-    command.add_argument(
-        "-o",
-        dest="folder",
-        type=folder,
-        metavar="DIR",
-        default="identified",
-        help="where the files go (%(default)s)",
-    )
+    add_folder(command, "identified")
     command.add_argument("--columns", metavar="FILE", help=COLUMNS)
     _of_the_fit(command)
     _of_other_work(command)

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from sysid.command.arguments import COLUMNS, columns_of
 from sysid.command.refusal import refuse
-from sysid.shell import called, completed, reader
-from sysid.shell import folder as as_folder
+from sysid.shell import add_folder, called, completed, reader
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -59,14 +58,7 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     parser.add_argument("record", metavar="FILE", help="a log of the closed loop, which begins at rest")
-    parser.add_argument(
-        "-o",
-        dest="folder",
-        type=as_folder,
-        metavar="DIR",
-        default="identified",
-        help="the folder of controller.json (%(default)s)",
-    )
+    add_folder(parser, "identified", "the folder of controller.json")
     parser.add_argument("--columns", metavar="FILE", help=COLUMNS)
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     return completed(parser, columns_of)

@@ -19,7 +19,7 @@ from sysid import __version__
 from sysid.command.arguments import COLUMNS, REFERENCE, columns_of, effects, prior, seed, temperature
 from sysid.command.refusal import refuse
 from sysid.posterior.accuracy import NAMES
-from sysid.shell import called, completed, folder, reader
+from sysid.shell import add_folder, called, completed, reader
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,14 +54,7 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "logs", nargs="+", metavar="LOGS_OR_FOLDERS", help="files, folders (with those below), patterns"
     )
-    command.add_argument(
-        "-o",
-        dest="folder",
-        type=folder,
-        metavar="DIR",
-        default="fleet",
-        help="where the files go (%(default)s)",
-    )
+    add_folder(command, "fleet")
     command.add_argument(
         "--by",
         type=_way,
@@ -127,14 +120,13 @@ def _jobs(text: str) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from sysid.command.outputs import staging
+    from sysid.command.outputs import check_writable
     from sysid.fleet.engine import EngineError
     from sysid.fleet.run import fit_fleet
     from sysid.tables.textfile import LogError
 
     try:
-        with staging(Path(arguments.folder)):
-            pass
+        check_writable(Path(arguments.folder))
     except OSError as error:
         return refuse(f"{arguments.folder}: cannot be written: {error}", command="fleet")
     told = ("by", "folder", "jobs", "scheduler", "accuracy", "full", "shrink", "seed", "columns")

@@ -170,10 +170,7 @@ def log_of(
         path=head.path,
         sha256=body.sha256,
         temperature_digit=digit,
-        relative_noise=fields.get("std") is None and _in_proportion(plan),
-        analysed=is_analysed(plan),
-        # of scattering parameters, whose reference is told, they follow from these
-        even=fields.get("std") is not None and (not stated_errors or "reference_ohm" in plan.metadata),
+        **_as_measured(plan, fields.get("std") is not None, bool(stated_errors)),
     )
     if log.kind == "steady" and log.frequency is None and log.drive is None:
         raise not_understood(
@@ -181,6 +178,16 @@ def log_of(
         )
     celsius = "temperature" in plan.sources and plan.sources["temperature"].unit == "degC"
     return doubted(within(log), celsius)
+
+
+def _as_measured(plan: Plan, known: bool, stated_errors: bool) -> dict[str, Any]:
+    """What `Log` has of how a response was measured; `known`: its rows have standard errors, which follow
+    from that where none are stated, and in files of scattering parameters, which tell their reference."""
+    return {
+        "relative_noise": not known and _in_proportion(plan),
+        "analysed": is_analysed(plan),
+        "even": known and (not stated_errors or "reference_ohm" in plan.metadata),
+    }
 
 
 def _in_proportion(plan: Plan) -> bool:

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-from sysid.shell import called, completed, folder, reader, seed
+from sysid.shell import add_folder, called, completed, reader, seed
 
 
 class Playable(Protocol):
@@ -51,12 +51,12 @@ def main(argv: Sequence[str] | None = None, opened: Callable[[str], Playable] | 
         if arguments.fit:
             plant = fitted(Path(arguments.fit), arguments.draw)
             scenes = [scene.with_plant(plant) for scene in scenes]
-        where = Path(arguments.folder)
-        where.mkdir(parents=True, exist_ok=True)
+        folder = Path(arguments.folder)
+        folder.mkdir(parents=True, exist_ok=True)
         for scene, path in zip(scenes, paths, strict=True):
             for k in range(arguments.seed, arguments.seed + arguments.logs):
                 mark = f"_{k}" if arguments.logs > 1 else ""
-                _write(scene, k, where / f"{Path(path).stem}{mark}.csv", arguments.waveform)
+                _write(scene, k, folder / f"{Path(path).stem}{mark}.csv", arguments.waveform)
     except (SceneError, LogError) as error:
         print(f"{command.prog}: {clean(str(error))}", file=sys.stderr)
         return 2
@@ -97,9 +97,7 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="print all effects with their defaults, as a scene file has them",
     )
-    parser.add_argument(
-        "-o", dest="folder", type=folder, metavar="DIR", default=".", help="where the logs go (%(default)s)"
-    )
+    add_folder(parser, ".", "where the logs go")
     parser.add_argument("--seed", type=seed, metavar="N", default=0, help="of the noise (%(default)s)")
     parser.add_argument(
         "--logs",
