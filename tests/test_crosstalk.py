@@ -117,3 +117,30 @@ def test_noise_that_goes_with_the_response_is_told_from_noise_that_is_even(seeds
 def test_over_a_narrow_sweep_rows_count_alike(tmp_path):
     (log,) = sysid.read_logs(sweep(tmp_path, 1, 2, 0.0, 165.0, 188.0))
     assert log.std is None
+
+
+def test_how_noise_goes_with_the_rows_is_written_with_a_log(tmp_path):
+    """A file in the contract's names gives the fit that the instrument's own gave; it forgot once that its
+    standard errors are weights, and that noise may go with the response."""
+    (log,) = sysid.read_logs(sweep(tmp_path, 3, 2, 0.0))
+    assert log.even and not log.relative_noise
+    sysid.write_log(log, tmp_path / "again.csv")
+    for again in (*sysid.read_logs(tmp_path / "again.csv"), sysid.Log.from_frame(log.to_frame())):
+        assert again.even
+        first, second = (sysid.fit(one) for one in (log, again))
+        for name in ("G", "tau", "f0"):
+            assert second.parameters[name].value == first.parameters[name].value
+            assert second.parameters[name].std == first.parameters[name].std
+
+
+def test_a_log_may_say_how_it_was_measured(tmp_path):
+    """The words of the contract, and those of others, which mean nothing."""
+    rows = "frequency_Hz,voltage_V,wd_um,wq_um\n1,1,0,1\n2,1,1,0\n3,1,0,-1\n"
+    for said, relative, analysed in (
+        ("# noise: relative\n# measured_at: terminals\n", True, True),
+        ("# Noise: Relative\n", True, False),
+        ("# noise: 3 nV\n# measured_at: ETH\n", False, False),
+    ):
+        (tmp_path / "log.csv").write_text(said + rows)
+        (log,) = sysid.read_logs(tmp_path / "log.csv")
+        assert (log.relative_noise, log.analysed) == (relative, analysed)

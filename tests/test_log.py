@@ -1065,6 +1065,8 @@ def any_log(draw):
         sampling=draw(st.sampled_from([None, "instant", "settled"])),
         response_unit=draw(st.sampled_from(["um", "m/s", "A*s", "1", "degree_Celsius"])),
         drive_unit=unit,
+        relative_noise=draw(st.booleans()),
+        analysed=draw(st.booleans()),
         metadata={"plate": "A7", "note": "a: b, c", "temperature_degC": "7", "kind": "gone"},
         bench={**draw(st.fixed_dictionaries({}, optional=BENCH)), **times},
     )
@@ -1087,7 +1089,7 @@ def test_a_written_log_reads_back_to_the_last_bit(tmp_path_factory, log):
         written, read = getattr(log, name), getattr(again, name)
         assert (written is None) == (read is None)
         assert written is None or (written.dtype, written.tobytes()) == (read.dtype, read.tobytes())
-    for name in ("kind", "sampling", "response_unit"):
+    for name in ("kind", "sampling", "response_unit", "relative_noise", "analysed", "even"):
         assert getattr(again, name) == getattr(log, name)
     exact = (
         log.temperature is not None and np.ptp(log.temperature) == 0

@@ -26,6 +26,9 @@ __all__ = ["Log", "LogError"]
 
 KINDS = ("transient", "steady")
 SAMPLINGS = ("instant", "settled")
+MEASURED = ("noise", "measured_at")  # metadata of how a response was measured, and their words:
+RELATIVE, EVEN = "relative", "even"  # noise, see `Log`
+TERMINALS = "terminals"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -22,7 +22,7 @@ from sysid.logs.benchwords import bench_of, misread
 from sysid.logs.copies import once
 from sysid.logs.doubts import doubted, unfolded
 from sysid.logs.filled import Arrays, filled, without_direct
-from sysid.logs.log import KINDS, SAMPLINGS, Log, either
+from sysid.logs.log import EVEN, KINDS, MEASURED, RELATIVE, SAMPLINGS, TERMINALS, Log, either
 from sysid.logs.missing import refuse_row, rows_to_keep
 from sysid.logs.opening import groups, opened
 from sysid.logs.parted import parted
@@ -183,10 +183,11 @@ def log_of(
 def _as_measured(plan: Plan, known: bool, stated_errors: bool) -> dict[str, Any]:
     """What `Log` has of how a response was measured; `known`: its rows have standard errors, which follow
     from that where none are stated, and in files of scattering parameters, which tell their reference."""
+    noise, place = ((stated(plan.metadata, key) or "").casefold() for key in MEASURED)
     return {
-        "relative_noise": not known and _in_proportion(plan),
-        "analysed": is_analysed(plan),
-        "even": known and (not stated_errors or "reference_ohm" in plan.metadata),
+        "relative_noise": not known and (noise == RELATIVE or _in_proportion(plan)),
+        "analysed": place == TERMINALS or is_analysed(plan),
+        "even": known and (noise == EVEN or not stated_errors or "reference_ohm" in plan.metadata),
     }
 
 

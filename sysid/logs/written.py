@@ -8,7 +8,7 @@ import numpy as np
 
 from sysid.asked import LOG, given
 from sysid.logs.benchwords import BENCH
-from sysid.logs.log import Log
+from sysid.logs.log import EVEN, MEASURED, RELATIVE, TERMINALS, Log
 from sysid.tables import units
 from sysid.whole import in_place_of
 
@@ -28,13 +28,19 @@ def columns(log: Log) -> dict[str, np.ndarray]:
 
 def words(log: Log) -> dict[str, Any]:
     """What stands above the columns: metadata, kind, sampling and what is known of the bench."""
-    said: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **log.bench}
+    said: dict[str, Any] = {"kind": log.kind, "sampling": log.sampling, **_as_measured(log), **log.bench}
     if log.temperature is not None and not log.temperature_digit and np.ptp(log.temperature) == 0:
         said.setdefault(
             "temperature_std_degC", 0.0
         )  # nobody read it: what is written of it is no step of a thermometer
     kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
     return {key: value for key, value in (kept | said).items() if value is not None}
+
+
+def _as_measured(log: Log) -> dict[str, str | None]:
+    """What the rows do not show of how they were measured."""
+    noise = RELATIVE if log.relative_noise else EVEN if log.even else None
+    return dict(zip(MEASURED, (noise, TERMINALS if log.analysed else None), strict=True))
 
 
 def write_log(
@@ -74,7 +80,8 @@ def label(unit: str, quantity: str) -> str:
 def _is_interpreted(key: str) -> bool:
     """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
     known = (
-        key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
+        key.casefold() in ("kind", "sampling", "volts_per_duty", *MEASURED, *BENCH)
+        or units.parse_name(key) is not None
     )
     return (
         known or units.split_unit(key.casefold())[0] in units.BENCH_TIMES or units.bench_time(key) is not None
