@@ -9,6 +9,7 @@ import numpy as np
 
 from sysid import reading
 from sysid.adoption.adopt import tried
+from sysid.adoption.description import Description
 from sysid.asked import LOG, every, temperature
 from sysid.asked import given as of_kind
 from sysid.effects.registry import ADOPTED, EFFECTS, EVERY, chosen
@@ -25,8 +26,8 @@ from sysid.trials.trial import Trial
 from sysid.verdict import wording
 from sysid.verdict.amplitude_offset import with_offsets
 from sysid.verdict.averaged import Hint
-from sysid.verdict.conclusion import CONTRADICTS, FitProblem, Judged, conclude, opposed, retold, tells
-from sysid.verdict.decay import decays, of_decays
+from sysid.verdict.conclusion import FitProblem, Judged, conclude, opposed, retold, tells
+from sysid.verdict.decay import Cause, decays, of_decays
 from sysid.verdict.differing import Said, dispersion
 from sysid.verdict.finding import Finding
 from sysid.verdict.fitted import Fit
@@ -80,19 +81,20 @@ def fit(
     best = states[0]
     found = _concluded(question, states)
     ranged = any(f.key == "range" for f in found.findings)  # whose rows are to be scaled before anything else
-    restless, sure = [] if ranged else decays(best)[0], False
+    restless, cause = [] if ranged else decays(best)[0], None
     names = _called_for(best, found.judged, nuisances)
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
-        question, found, sure = _with_effects(question, found, names, bool(restless))
-    other = sure and any(f.mostly for f in found.findings)  # a plant of another kind, which decays as one too
+        question, found, cause = _with_effects(question, found, names, bool(restless))
+    other = cause and any(f.mostly for f in found.findings)  # a plant of another kind, which decays as one too
     # a decay that needs effects of its own is no better witness than a whole that one describes
-    plate = {**given, "nuisances": tuple(n for n in nuisances if not (sure and n in ADOPTED))}
+    plate = {**given, "nuisances": tuple(n for n in nuisances if not (cause and n in ADOPTED))}
     told = _of_decays(best, plate) if restless and not other else None
-    if told is not None and not (sure and _alike(found, told)):
+    if told is not None and not (cause and cause.holds(told)):
         return told
     untold = found.modes[0].converged and not (ranged or found.parameters["tau"].determined or other)
-    if untold and (told := _of_decays(best, given, found)) is not None:
+    told = _of_decays(best, given, found) if untold else None
+    if told is not None and not (cause and cause.contradicts(told)):
         return told
     if found.result is Result.misfit and (told := _read_otherwise(logs, question, given, start)) is not None:
         return told
@@ -144,9 +146,9 @@ def _called_for(best: State, judged: Judged, names: Sequence[str]) -> list[str]:
 
 def _with_effects(
     question: FitProblem, found: Fit, names: Sequence[str], surely: bool
-) -> tuple[FitProblem, Fit, bool]:
+) -> tuple[FitProblem, Fit, Cause | None]:
     """The question with the effects of these names that describe its logs, and its fit; else the fit, which
-    says what it can of these effects, `surely` only what leaves noise; and whether they leave no more."""
+    says what it can of these effects, `surely` only what leaves noise; and what is surely the cause."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
     outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
     if (told := outcome.adopted) is not None:
@@ -163,17 +165,14 @@ def _with_effects(
         states = minimiser.imaged([told.state])
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
         if anew.result is Result.successful or tells(anew, found):
-            return again, anew, True
+            return again, anew, _cause(told, False)
     if found.result is Result.successful and not judged.wrong and outcome.named is not None:
-        return (
-            question,
-            _noting(found, outcome.named.findings("noted", "which is hardly all that is there")),
-            False,
-        )
+        hardly = outcome.named.findings("noted", "which is hardly all that is there")
+        return question, _noting(found, hardly), None
     likelier = outcome.surely and outcome.described  # than plates of their own
     if judged.apart is not None and not likelier:
         alike = outcome.named.findings("noted", "which is about as likely") if outcome.described else ()
-        return question, _noting(found, alike), False
+        return question, _noting(found, alike), None
     named: tuple[Finding, ...] = ()
     states = list(found.modes)
     most = outcome.named if outcome.surely or (found.result is Result.misfit and not surely) else None
@@ -191,19 +190,20 @@ def _with_effects(
     if named and outcome.described:
         judged = judged._replace(wrong=[*named], doubts=[])
     hung = confounds_gain(states[0], minimiser.reference, minimiser.free)
-    return question, conclude(question, states, hung, judged), outcome.surely
+    cause = _cause(outcome.named, outcome.described) if outcome.surely else None
+    return question, conclude(question, states, hung, judged), cause
+
+
+def _cause(told: Description, all_of_it: bool) -> Cause:
+    """A description as the cause of what the plant alone leaves."""
+    variance = told.state.covariance[1, 1] + told.dispersion[1, 1]
+    return Cause(told.state.tau, told.state.tau * float(np.sqrt(variance)), all_of_it)
 
 
 def _noting(fit: Fit, found: Sequence[Finding]) -> Fit:
     """The fit with what was found besides, and changes nothing of it."""
     warnings = (*fit.warnings, *(f.sentence for f in found))
     return replace(fit, findings=(*fit.findings, *found), warnings=warnings)
-
-
-def _alike(found: Fit, decay: Fit) -> bool:
-    """Whether a fit with driven rows tells the tau of the decay after them."""
-    tau, alone = found.parameters["tau"], decay.parameters["tau"]
-    return tau.determined and abs(tau.value - alone.value) < CONTRADICTS * alone.std
 
 
 def _of_decays(best: State, given: Mapping[str, Any], whole: Fit | None = None) -> Fit | None:

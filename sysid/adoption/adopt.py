@@ -79,10 +79,12 @@ def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[s
     adoption = _Adoption(search, looked, sum(map(len, here)))
     lasting, anything = here[:-1], here[-1]
     way = adoption.followed([x for x in each if x.effect.hop is None], (*lasting, []))
-    if way.adopted is None and anything:
-        adoption.search = search  # with the logs as they were read at first
+    adoption.search = search  # with the logs as they were read at first
+    if way.adopted is None or adoption.happened(anything) > way.evidence + NEARLY:
         other = adoption.followed(each, here)
+        likelier = other.described and other.evidence > way.evidence + NEARLY
         way = max(other, way, key=lambda w: (w.adopted is not None, w.described, w.evidence))
+        way = other if likelier else way
     return adoption.outcome(way)
 
 
@@ -142,6 +144,10 @@ class _Adoption:
                 more = [x for x in more if {x} == own or x.effect.usual]
             here = candidates(more, left, wrong | best.smooth)
         return way
+
+    def happened(self, anything: Sequence[Group]) -> float:
+        """Evidence of the likeliest of what may have happened to a log for a while."""
+        return max((d.evidence for d in self.ends(None, anything) if d.sense), default=-np.inf)
 
     def outcome(self, way: _Way) -> Outcome:
         """What became of all that was tried."""

@@ -153,15 +153,22 @@ def _moved(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...
 
 
 def _lost(share: float) -> Effect:
-    """Rows that are missing, though the times go on, before the row at which the response has made that share
-    of its moves. Its number: how many."""
+    """Rows that are missing, though the times go on, before about the row at which the response has made that
+    share of its moves. Its numbers: how many, and by how many rows it is beside that one."""
 
-    def place(trial: Trial, about: About) -> int:
+    def near(trial: Trial, about: About, share: float) -> int:
         moved = _moved(trial, about.reference, tuple(about.theta.tolist()))
         return int(np.searchsorted(moved, share * moved[-1]))
 
+    def place(trial: Trial, values: np.ndarray, about: About) -> int:
+        return int(np.clip(near(trial, about, share) + np.rint(values[1]), 0, len(trial.log)))
+
+    def stds(trial: Trial, about: About) -> np.ndarray:
+        first, last = (near(trial, about, share + x / PLACES) for x in (-0.5, 0.5))
+        return np.array([ROWS[-1], 1.0 + EVEN * (last - first)])
+
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
-        after = np.arange(len(trial.log)) >= (row := place(trial, about))
+        after = np.arange(len(trial.log)) >= (row := place(trial, values, about))
         inputs, gap = trial.inputs, max(float(values[0]), 0.0) * trial.spacing
         here = inputs.interval[min(row, len(after) - 1)]
         longer = inputs._replace(
@@ -171,9 +178,10 @@ def _lost(share: float) -> Effect:
         return replace(trial, log=replace(trial.log, time=trial.log.time + gap * after), inputs=longer)
 
     def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
-        before = max(place(trial, about) - 1, 0)  # the times behind it are moved
+        before = max(place(trial, values, about) - 1, 0)  # the times behind it are moved
         begins = trial.log.time[before] + trial.spacing - trial.log.time[0]
-        return {"rows": number(values[0], stds[0], "rows"), "after_s": number(begins, 0.0, "s")}
+        error = stds[1] * trial.spacing
+        return {"rows": number(values[0], stds[0], "rows"), "after_s": number(begins, error, "s")}
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         rows, begins = found["rows"], found["after_s"]
@@ -186,8 +194,9 @@ def _lost(share: float) -> Effect:
     return Effect(
         name="rows_lost",
         shows=_gapped,
-        stds=lambda trial, about: np.array([ROWS[-1]]),
-        starts=lambda trial, about: np.array([[MISSING]]),
+        stds=stds,
+        starts=lambda trial, about: np.array([[MISSING, 0.0]]),
+        steps=lambda trial, about: np.array([0.25, 1.0]),  # of a row nothing shows where in it it is
         applied=applied,
         numbers=numbers,
         said=said,

@@ -6,6 +6,7 @@ read by itself.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from sysid.logs.log import Log
 from sysid.minimum.minimise import State
 from sysid.rows.condense import taken
 from sysid.trials.trial import Trial
+from sysid.verdict.conclusion import CONTRADICTS
 from sysid.verdict.fitted import Fit
 from sysid.verdict.identify import seconds
 from sysid.verdict.result import Result
@@ -23,6 +25,28 @@ LEFT_OUT = "cannot tell, because the rows that are driven are left out; record a
 
 
 RESTLESS = "are not those of a plate that is driven and stays as it is: restless"
+
+
+class Cause(NamedTuple):
+    """What is surely the cause of most of what the plant alone leaves of whole logs: `tau` (s) beside it and
+    its standard deviation, and whether it is `all` that is there, though the fit refuses it."""
+
+    tau: float
+    std: float
+    all: bool
+
+    def contradicts(self, decay: Fit) -> bool:
+        """Whether it is all that is there, and the decay has not its tau: nor is that the plate's, then, as
+        of one that falls faster than it rises."""
+        return self.all and not self._agrees(decay)
+
+    def holds(self, decay: Fit) -> bool:
+        """Whether it stands beside what the decay tells."""
+        return self.all or self._agrees(decay)
+
+    def _agrees(self, decay: Fit) -> bool:
+        alone = decay.parameters["tau"]
+        return abs(self.tau - alone.value) < CONTRADICTS * float(np.hypot(alone.std, self.std))
 
 
 def decays(state: State, whole: Fit | None = None) -> tuple[list[Log], list[str]]:
