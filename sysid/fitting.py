@@ -160,7 +160,7 @@ def _with_effects(
             dispersion=question.dispersion + told.dispersion,
             effects=findings,
             warnings=wording.beside_feedthroughs(question.warnings, findings),
-            told=found.reference_temperature,
+            told=None if found.reference_temperature is None else told.about.told,
         )
         states = minimiser.imaged([told.state])
         anew = _concluded(again, [replace(s, dispersion=again.dispersion) for s in states])
