@@ -216,3 +216,28 @@ def test_a_gain_of_two_is_no_filter(bench):
         fit = sysid.fit(step_and_sweep(bench, seed, 0.5))
         assert fit.result is Result.misfit
         assert any("G contradicts the other logs" in w for w in (*fit.warnings, *fit.notes))
+
+
+@pytest.mark.study
+def test_a_log_that_follows_its_resonance_is_none_that_does_not_answer(bench):
+    """A loop that keeps the drive at the resonance of a plate that warms holds the response still, while the
+    frequency moves by a half bandwidth and no temperature is recorded: it was called noise."""
+    rng, t = np.random.default_rng(3), 0.3 * np.arange(100)
+    followed = bench.plant.f0 - 93.6 * (1 - np.exp(-t / 12))
+    held = 2.0 * np.exp(0.3j) + 0.02 * (rng.standard_normal(100) + 1j * rng.standard_normal(100))
+    given = {"time": t, "drive": np.full(100, 100.0), "frequency": followed, "sampling": "settled"}
+    found = sysid.fit([sysid.Log("followed", held, **given), bench.transient(seed=1)])
+    assert all("temperature" in f.sentence and "noise" not in f.sentence for f in found.findings)
+    for name, truth in (("tau", bench.plant.tau), ("f0", bench.plant.f0)):
+        told = found.parameters[name]
+        assert not told.determined or abs(told.value - truth) < 4 * told.std
+
+
+def test_a_log_of_a_sensor_that_was_off_is_named(bench):
+    """Noise and nothing else, where the others answer the same drive."""
+    rng, step = np.random.default_rng(0), bench.transient(seed=1)
+    noise = 0.02 * (rng.standard_normal(len(step)) + 1j * rng.standard_normal(len(step)))
+    found = sysid.fit([step, bench.sweep(seed=2), replace(step, name="off", response=noise)])
+    assert found.result is Result.misfit
+    assert [(f.key, f.logs) for f in found.findings] == [("odd", ("off",))]
+    assert "rows are noise" in found.findings[0].sentence

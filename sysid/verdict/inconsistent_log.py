@@ -103,7 +103,9 @@ def _dead(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> lis
         return []
     theta = _alone(minimiser, others, together).theta
     asked = {k: LogResponse.of(trials[k], minimiser.reference, theta).forced for k in noise}
-    return [k for k in noise if np.ptp(np.abs(asked[k])) > SHOWS * np.std(trials[k].log.response)]
+    response = {k: trials[k].log.response for k in noise}
+    still = [k for k in noise if abs(np.mean(response[k])) < SHOWS * np.std(response[k])]  # else it answers
+    return [k for k in still if np.ptp(np.abs(asked[k])) > SHOWS * np.std(response[k])]
 
 
 def _odd(
