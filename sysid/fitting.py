@@ -152,7 +152,7 @@ def _with_effects(
     """The question with the effects of these names that describe its logs, and its fit; else the fit, which
     says what it can of these effects, `surely` only what leaves noise; and what is surely the cause."""
     minimiser, best, judged = question.minimiser, found.modes[0], found.judged
-    outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names)
+    outcome = tried(minimiser, best, judged.looked._replace(found=judged.found), names, judged.bend)
     if (told := outcome.adopted) is not None:
         so = "which is fitted" if outcome.wholly else "which is fitted; the errors span what it leaves"
         findings = told.findings("fitted", so)

@@ -80,15 +80,16 @@ def test_it_is_fitted_and_f0_and_k_t_are_those_where_they_are_told(seed, tempera
         assert abs(parameter.value - value) < 4 * parameter.std
 
 
-def test_f0_is_told_where_its_temperature_says():
-    """Of a straight line little was left of k_T, so that f0 was told at the mean of 30 degC, where it was the
-    tangent's at 24 degC: 36 Hz off a parabola of 1 Hz/degC^2 whose top is at 25 degC."""
-    logs = [sweep(float(t), 0, 2.0, -1.0) for t in (5, 15, 25, 35, 45, 55)]
+@pytest.mark.parametrize("curve", [study(-1.0), -3.0])
+def test_a_parabola_of_many_half_bandwidths_is_fitted_and_told_where_f0_is(curve):
+    """One of 36 half bandwidths was taken for plates that differ. Of a straight line little was left of k_T, so
+    that f0 was told at the mean of 30 degC, where it was the tangent's at 24 degC: 36 Hz off."""
+    logs = [sweep(float(t), 0, -2 * curve, curve) for t in (5, 15, 25, 35, 45, 55)]
     found = fit(logs)
     away = found.reference_temperature - 24
     f0, k_T = (found.parameters[name] for name in ("f0", "k_T"))
-    assert abs(f0.value - (F0 + 2 * away - away**2)) < 4 * f0.std < 4
-    assert abs(k_T.value - (2 - 2 * away)) < 4 * k_T.std < 0.4
+    assert abs(f0.value - (F0 - 2 * curve * away + curve * away**2)) < 4 * f0.std < 4
+    assert abs(k_T.value - (-2 * curve + 2 * curve * away)) < 4 * k_T.std < 0.4
 
 
 @pytest.mark.study

@@ -30,6 +30,7 @@ from sysid.adoption.point import LEVEL, Points
 from sysid.adoption.search import NEARLY, Search
 from sysid.effects.drift import WARMED
 from sysid.effects.effect import About
+from sysid.effects.plate import CURVED
 from sysid.effects.registry import ADOPTED, EFFECTS
 from sysid.minimum.minimise import Minimiser, State
 from sysid.model.theta import NAMES
@@ -66,15 +67,18 @@ class Outcome:
     unsure: frozenset[str] = field(default_factory=frozenset)
 
 
-def tried(minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str]) -> Outcome:
+def tried(
+    minimiser: Minimiser, state: State, looked: Misfits, names: Sequence[str], bend: float = 0.0
+) -> Outcome:
     """The effects, of those called `names`, fitted to the logs of a minimum that the plant alone does not
-    describe; `looked`: what these hold to first order. What lasts comes first: of a stretch that is left out
-    it need not be known what happened in it, and two modes may be one."""
+    describe; `looked`: what these hold to first order; `bend`: see `About`. What lasts comes first: of a
+    stretch that is left out it need not be known what happened in it, and two modes may be one."""
     each = instances(state.trials, names)
     away = 0.0 if looked.fit is None else looked.fit.away
-    about = About.of(state, minimiser.reference, away)
+    about = About.of(state, minimiser.reference, away)._replace(bend=bend)
     wrong = misfitting(state, looked.found) | {i for i in range(len(state.trials)) if slow(state, i)}
     here = candidates(each, looked, wrong)
+    here = ([(x,) for x in each if bend and x.effect is CURVED], *here)
     search = Search(Points(minimiser, state, about))
     adoption = _Adoption(search, looked, sum(map(len, here)))
     lasting, anything = here[:-1], here[-1]

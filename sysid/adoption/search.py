@@ -80,7 +80,7 @@ class Search:
         known = () if before is None else before.instances
         near, numbers = (self.points.alone, np.zeros(0)) if before is None else (before.state, before.numbers)
         where, every = {i for x in group for i in x.where}, (*known, *group)
-        afresh = all(group[0].effect.afresh(self.points.trials[k]) for k in where)
+        afresh = all(group[0].effect.afresh(self.points.trials[k], self.points.about) for k in where)
         each = (x.effect.starts(self.points.trials[x.where[0]], self.points.about) for x in group)
         for start in zip(*each, strict=False):
             u = np.concatenate([numbers, *start])

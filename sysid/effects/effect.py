@@ -43,7 +43,8 @@ class About(NamedTuple):
     the plate `near` which it is fitted; tau s; the half bandwidth Hz; `top`, the largest response of the
     logs, `drive` the largest drive, and `span` (Hz) the widest sweep, or what is usual; `driven` Hz, the
     lowest and the highest frequency, less the reference; `told` degC, where f0 is told; `fitted` s, tau as it
-    is with the effect, and its relative error; `moved` Hz, by how much the effect moves f0."""
+    is with the effect, and its relative error; `moved` Hz, by how much the effect moves f0; `bend`
+    Hz/degC^2, by which the resonances of logs that one plate does not describe bend over the temperature."""
 
     reference: tuple[float, float]
     theta: np.ndarray
@@ -57,6 +58,7 @@ class About(NamedTuple):
     told: float = 0.0
     fitted: tuple[float, float] = (0.0, 0.0)
     moved: float = 0.0
+    bend: float = 0.0
 
     @classmethod
     def of(cls, state: State, reference: tuple[float, float], away: float = 0.0) -> "About":
@@ -144,7 +146,7 @@ class Effect:
     many: bool = False
     rough: Callable[[Trial, np.ndarray], bool] = lambda trial, values: False
     another: bool = False
-    afresh: Callable[[Trial], bool] = lambda trial: False
+    afresh: Callable[[Trial, About], bool] = lambda trial, about: False
     stretched: Callable[[Trial, np.ndarray, About], float] = lambda trial, values, about: 0.0
     law: str = ""
     linear: tuple[int, ...] = (0,)

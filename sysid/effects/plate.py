@@ -78,7 +78,7 @@ DUFFING = Effect(
     },
     said=_softened_said,
     scope="plate",
-    afresh=lambda trial: trial.steady,  # of a transient a row is not as good as the next
+    afresh=lambda trial, about: trial.steady,  # of a transient a row is not as good as the next
     expected=True,
     shown_by=at_others(sweep_or_moving),
     vague=lambda trial, values: not trial.steady,  # rows of a transient tell one another, whatever it is
@@ -135,7 +135,7 @@ def _off_resonance(signed: bool) -> Effect:
         said=said,
         linear=(0,) if signed else (),
         places=None if signed else lambda trial, about: RINGING[:, None],
-        afresh=always,
+        afresh=lambda trial, about: True,
         makes_sense=None if signed else positive,
     )
 
@@ -260,6 +260,12 @@ def _bent(trial: Trial, values: np.ndarray, about: About) -> Trial:
     return shifted(trial, "frequency", -BEND * values[0] * about.half_bandwidth * away**2)
 
 
+def _bends(trial: Trial, about: About) -> np.ndarray:
+    if about.bend:
+        return np.array([[about.bend / (BEND * about.half_bandwidth)]])
+    return np.concatenate([-BENDS, [0.0], BENDS])[:, None]
+
+
 def _bent_said(trial: Trial, found: dict[str, Number]) -> Told:
     change, at = found["change"], found["at"]
     return Told(
@@ -276,7 +282,8 @@ CURVED = Effect(
     law="temperature",
     shows=lambda trial: trial.resonant and trial.log.temperature is not None,
     stds=lambda trial, about: np.array([1.0]),
-    starts=lambda trial, about: np.concatenate([-BENDS, [0.0], BENDS])[:, None],
+    starts=_bends,
+    afresh=lambda trial, about: about.bend != 0,
     applied=_bent,
     numbers=lambda trial, values, stds, about: {
         "change": number(values[0], stds[0], "Hz/degC^2", 2 * BEND * about.half_bandwidth),
@@ -383,7 +390,7 @@ OVERSHOOT = Effect(
     scope="plate",
     rough=always,
     another=True,
-    afresh=lambda trial: not trial.driven,
+    afresh=lambda trial, about: not trial.driven,
     places=nowhere,
     makes_sense=lambda trial, fitted: (  # more damped it is behind a filter
         fitted.positive() and fitted.tau < 2 * fitted.values[0] * lasted(trial)

@@ -65,6 +65,7 @@ class Judged(NamedTuple):
     apart: np.ndarray | None = None
     looked: Misfits = Misfits([], [])
     unsure: bool = False
+    bend: float = 0.0
 
 
 def conclude(
@@ -184,7 +185,8 @@ def _judged(question: FitProblem, best: State, at: float | None, hangs: bool) ->
         return Judged(wrong, doubts, found, looked=looked)
     alike = likely and likely[0].log is None  # what is in all logs contradicts none
     if wrong and not alike and (odd := odd_ones(question.minimiser, question.trials, best)):
-        return Judged([odd[0]], [], found, bool(np.any(odd[1])), odd[1], looked)
+        tells = bool(np.any(odd.dispersion))
+        return Judged([odd.finding], [], found, tells, odd.dispersion, looked, bend=odd.bend)
     described = not (
         wrong or any(f.certain for f in found) or any(slow(best, i) for i in range(len(best.trials)))
     )

@@ -29,6 +29,7 @@ UNKNOWN = 1e150  # standard deviations of what a log says nothing of, whose weig
 DIFFER = ("G", "tau", "f0")  # of which G and tau as logarithms
 
 
+BENT = 4  # temperatures: a line and what bends it go through any three
 SHOWS = 4.0  # times a log's noise, as a response that would be seen
 DEAD = (
     "{}: its rows are noise, and do not answer its drive as the other logs do; see whether the drive and the"
@@ -66,6 +67,14 @@ class Told(NamedTuple):
         off = inverse @ x.T @ (values / (own + variance))
         return inverse + np.outer(off, off)
 
+    def bend(self) -> float:
+        """The coefficient of the square of the second column, beside these: how a resonance bends over the
+        temperature; 0 where no four logs of temperatures of their own tell it."""
+        rows = np.column_stack([self.columns, self.columns[:, 1] ** 2]) / self.errors[:, None]
+        if len(np.unique(self.columns[:, 1])) < BENT:
+            return 0.0
+        return float(np.linalg.lstsq(rows, self.values / self.errors, rcond=None)[0][2])
+
     def cut(self) -> tuple[float, list[int]]:
         """The odd logs, a single one or the smaller of two groups by their values: the fewest of those beside
         which all scatter hardly more than least, and of these the farthest off; by how much less than without
@@ -78,21 +87,29 @@ class Told(NamedTuple):
         return self.scatter() - left[best], list(map(int, best))
 
 
-def odd_ones(
-    minimiser: Minimiser, trials: Sequence[Trial], together: State
-) -> tuple[Finding, np.ndarray] | None:
+class Odd(NamedTuple):
+    """Logs that contradict others; what they add to the covariance (6, 6) of theta: one plate is no better
+    known than they agree, and what does not answer adds nothing; and by how much the resonances that each
+    tells by itself bend over the temperature, Hz/degC^2."""
+
+    finding: Finding
+    dispersion: np.ndarray
+    bend: float = 0.0
+
+
+def odd_ones(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> Odd | None:
     """The logs, the fewest, that contradict the others, where they and the others are each described well,
-    or next to nothing is left beside what they differ by; all, where each is described by itself; else None.
-    With what they add to the covariance (6, 6) of theta: one plate is no better known than they agree, and
-    what does not answer adds nothing."""
+    or next to nothing is left beside what they differ by; all, where each is described by itself; else
+    None."""
     if len(trials) < 2 or any(touched(t) or clipped(t) for t in together.trials):
         return None
     if dead := _dead(minimiser, trials, together):
-        return _found([trials[k] for k in dead], DEAD), np.zeros((len(NAMES), len(NAMES)))
+        return Odd(_found([trials[k] for k in dead], DEAD), np.zeros((len(NAMES), len(NAMES))))
     each = [_alone(minimiser, (t,), together) for t in trials]
     told = _told(minimiser, trials, each, together)
     found = _odd(minimiser, trials, together, each, told)
-    return None if found is None else (found, _dispersion(told))
+    bend = told["f0"].bend() if "k_T" in minimiser.free else 0.0
+    return None if found is None else Odd(found, _dispersion(told), bend)
 
 
 def _dead(minimiser: Minimiser, trials: Sequence[Trial], together: State) -> list[int]:
