@@ -725,3 +725,19 @@ def test_uneven_time_is_refused_in_python_too():
     time, v, w = GOOD
     with pytest.raises(LogError, match=r"row 7 .*even steps"):
         demodulate(np.where(np.arange(len(time)) < 7, 0, 1e-5) + time, v, w)
+
+
+@seeds(4, 40)
+def test_a_plate_that_dies_away_within_a_row_is_told_by_its_samples(seeds):
+    """At a Q of 5 two periods last longer than tau: the image of a cubic within a row left tau and f0 4 and 3
+    of their errors off."""
+    t, pulls = np.arange(10_000) / 20e3, []
+    plant = {"G": 12.0, "Q": 5.0, "f0": 200.0}
+    drive, clean = carrier(plant, t, [(0.0, 0.0, 190.0), (0.05, 2.0, 190.0), (0.3, 0.0, 190.0)])
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        noisy = clean + 0.024 * rng.standard_normal(len(t))
+        found = sysid.fit(sysid.Log.from_waveform(drive, noisy, 20e3, delay_s=0))
+        truth = {"G": plant["G"], "tau": tau_of(plant), "f0": plant["f0"]}
+        pulls.append([(p.value - truth[n]) / p.std for n in truth if (p := found.parameters[n])])
+    assert np.all(np.sqrt(np.mean(np.square(pulls), axis=0)) < 1 + 2 / np.sqrt(len(pulls)))

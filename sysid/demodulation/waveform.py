@@ -22,7 +22,7 @@ from sysid.columns import signal as signals
 from sysid.columns.metadata import rate_key, sample_rate
 from sysid.columns.plan import Plan
 from sysid.demodulation.carrier import SURE, Stretches, filling, follow, strongest
-from sysid.demodulation.lockin import blocks, low_pass
+from sysid.demodulation.lockin import CUBIC, QUADRATIC, blocks, low_pass
 from sysid.tables.csvfile import Head, LogError
 
 NAMES = "; columns drive and response are samples of a carrier: amplitudes are called voltage and w"
@@ -133,9 +133,20 @@ def _in_blocks(
     stretch `own`; before them what it is at the first sample, by the curve of the first block."""
     omega = held.omega[own]
     phase = (held.theta + ahead * held.omega)[own] + omega * (begin - held.start[own])
-    curve = blocks(response, begin, n, phase, omega, derivative)
+    curve = blocks(response, begin, n, phase, omega, derivative, CUBIC)
+    if not _bent(curve[:, CUBIC]):
+        curve = blocks(response, begin, n, phase, omega, derivative, QUADRATIC)
     x = (1 - n) / (2 * n)  # of a block's first sample
-    return np.append(curve[0] @ [1.0, x, x**2 - (n**2 - 1) / (12 * n**2)], curve[:, 0])
+    powers = [1.0, x, x**2 - (n**2 - 1) / (12 * n**2), x**3]
+    return np.append(curve[0] @ powers[: curve.shape[1]], curve[:, 0])
+
+
+def _bent(cubic: np.ndarray) -> bool:
+    """Whether blocks hold a cubic course (m,) of W, as at a Q of a few, beyond what noise makes of the largest
+    in one of twenty logs: its image in the mean is then more than the noise that one more shape costs."""
+    size = np.abs(cubic)
+    noise = float(np.median(size)) / np.sqrt(np.log(4))  # of one of two parts
+    return bool(np.max(size) > noise * np.sqrt(2 * np.log(20 * len(size))))
 
 
 def _measure(drive: np.ndarray, step: float, stated: np.ndarray | None, count: int) -> tuple[float, int]:
