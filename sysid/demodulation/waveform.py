@@ -142,8 +142,8 @@ def _in_blocks(
 
 
 def _bent(cubic: np.ndarray) -> bool:
-    """Whether blocks hold a cubic course (m,) of W, as at a Q of a few, beyond what noise makes of the largest
-    in one of twenty logs: its image in the mean is then more than the noise that one more shape costs."""
+    """Whether blocks hold a cubic course (m,) of W, as at a Q of a few, beyond what noise makes of the
+    largest in one of twenty logs: its image in the mean is then more than the noise of one more shape."""
     size = np.abs(cubic)
     noise = float(np.median(size)) / np.sqrt(np.log(4))  # of one of two parts
     return bool(np.max(size) > noise * np.sqrt(2 * np.log(20 * len(size))))
