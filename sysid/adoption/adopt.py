@@ -86,9 +86,10 @@ def tried(
     adoption.search = search  # with the logs as they were read at first
     if way.adopted is None or adoption.happened(anything) > way.evidence + NEARLY:
         other = adoption.followed(each, here)
-        likelier = other.described and other.evidence > way.evidence + NEARLY
+        whole = other.described or other.adopted is not None
+        if whole and other.evidence > way.evidence + NEARLY:
+            return adoption.outcome(other)
         way = max(other, way, key=lambda w: (w.adopted is not None, w.described, w.evidence))
-        way = other if likelier else way
     return adoption.outcome(way)
 
 
