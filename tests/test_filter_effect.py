@@ -80,6 +80,21 @@ def test_a_filter_that_the_logs_show_is_fitted(seeds, time, order, among):
         )  # the delay; how it is made up is not told
 
 
+@pytest.mark.parametrize(("time", "order"), [(1e-3, 1), study(3e-4, 4), study(3e-3, 2)])
+@seeds(1, 4)
+def test_a_filter_that_is_stated_and_not_there_is_told(seeds, time, order, among):
+    """G contradicted the sweep's, the drive sagged, or nothing explained it. What is all but no filter has no
+    memory of a row."""
+    for seed in seeds:
+        step = filtered_step(seed, 1e-7, 1, 3e-3)
+        step = replace(step, bench={"lockin_tau_s": time, "lockin_order": order})
+        found = sysid.fit([step, settled_sweep(seed, 3e-3)], nuisances=among("filter"))
+        (told,) = (f for f in found.findings if f.outcome == "fitted")
+        assert found.result is sysid.Result.successful
+        assert told.key == "filter" and "that it states is not there" in told.sentence
+        assert np.max(np.abs(scores([found]))) < 4
+
+
 @pytest.mark.study
 @pytest.mark.parametrize("order", [study(2), 4])
 @seeds(1, 6)

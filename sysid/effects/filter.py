@@ -1,5 +1,6 @@
 """A lock-in's filter that no log states, or another than is stated."""
 
+from dataclasses import replace
 from math import factorial
 
 import numpy as np
@@ -18,6 +19,15 @@ def _matern(order: int, x: np.ndarray) -> np.ndarray:
     p = order - 1
     each = ((factorial(p + i) / factorial(i) / factorial(p - i), p - i) for i in range(p + 1))
     return np.exp(-x) * factorial(p) / factorial(2 * p) * sum(c * (2 * x) ** k for c, k in each)
+
+
+def _is_none(trial: Trial, fitted: Fitted) -> bool:
+    """Whether a filter that a log states is not there: of none at all nothing shows how far it is from
+    that."""
+    bench, value = trial.log.bench, float(fitted.values[0])
+    stated = bench.get("lockin_tau_s", 0.0) * bench.get("lockin_order", 1) / fitted.before
+    seen = 0.0 if value <= LEAST else SEEN * float(fitted.stds[0])
+    return stated > LEAST and value - LEAST <= seen < stated - value
 
 
 def _filter(order: int) -> Effect:
@@ -53,6 +63,9 @@ def _filter(order: int) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         poles, time = f"{order} poles" if order > 1 else "one pole", found["lockin_tau_s"]
         bench = trial.log.bench  # where what was found may have been entered
+        if time.value < SEEN * time.std:
+            what = f"the lock-in's filter of {bench['lockin_tau_s']:.3g} s that it states is not there"
+            return Told(what, "leave lockin_tau_s out, or state that of this log")
         another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
         another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
         says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
@@ -63,7 +76,8 @@ def _filter(order: int) -> Effect:
         # without a frequency either of two poles may be the plant's, and the slower one is taken for it
         mirrored = not trial.resonant and fitted.values[0] * fitted.before > order * fitted.tau
         # nor is it one of a plant that the log does not last for: such a one is whatever the filter is not
-        return fitted.positive() and not mirrored and fitted.tau < lasted(trial)
+        known = fitted.positive() or _is_none(trial, fitted)
+        return known and not mirrored and fitted.tau < lasted(trial)
 
     return Effect(
         name="filter",
@@ -82,4 +96,12 @@ def _filter(order: int) -> Effect:
     )
 
 
-FILTERS = tuple(_filter(order) for order in (1, 2, 3, 4, 6, 8))  # 6 to 48 dB per octave, as lock-ins have
+ORDERS = {order: _filter(order) for order in (1, 2, 3, 4, 6, 8)}  # 6 to 48 dB per octave, as lock-ins have
+# of a filter that a log states, none of whatever order: to first order nothing shows that it is not there
+NONE = replace(
+    ORDERS[1],
+    shows=lambda trial: "lockin_tau_s" in trial.log.bench and ORDERS[1].shows(trial),
+    starts=lambda trial, about: np.zeros((1, 1)),
+    known_as=(),
+)
+FILTERS = (*ORDERS.values(), NONE)
