@@ -93,8 +93,8 @@ def _mirrored(
         others = [
             warming[id(t)] for t in resonant if abs(warming[id(t)] - warming[id(trial)]) > LEAST_WARMING
         ]
-        if drifts and others:
-            pivot = float(np.mean(others))
+        pivot = float(np.mean(others)) if others else warming[id(trial)]
+        if drifts and abs(warming[id(trial)] - pivot) > LEAST_WARMING:  # else no k_T leads to the image
             slope = (image - level - drift * pivot) / (warming[id(trial)] - pivot)
             mirrored[level + (drift - slope) * pivot, slope] = turned
     return [(turned, np.array([*theta[:2], *to, *theta[4:]])) for to, turned in sorted(mirrored.items())]

@@ -76,9 +76,9 @@ class Told(NamedTuple):
         return float(np.linalg.lstsq(rows, self.values / self.errors, rcond=None)[0][2])
 
     def cut(self) -> tuple[float, list[int]]:
-        """The odd logs, a single one or the smaller of two groups by their values or by their order, as before
-        and after something was changed: the fewest of those beside which all scatter hardly more than least,
-        and of these the farthest off; by how much less than without them."""
+        """The odd logs, a single one or the smaller of two groups by their values or by their order, as
+        before and after something was changed: the fewest of those beside which all scatter hardly more than
+        least, and of these the farthest off; by how much less than without them."""
         n = len(self.values)
         orders = np.argsort(self.values), np.arange(n)
         groups = [min(order[:k], order[k:], key=len) for order in orders for k in range(1, n)]
