@@ -414,6 +414,46 @@ def _for_a_while(kind, rng):
     return swept(rng, f, noisy(rng, np.where(here, there, y), 0.005))
 
 
+def step_at(resonance, damped, rng, level=0.01, rows=240, dt=1e-4, tau=1.67e-3):
+    """A step of 2 um after 20 rows, `resonance` Hz off it, of a plate whose damping is `damped` (rows,) times
+    the usual: W' = a W + b from row to row, exactly."""
+    a = -damped / tau - 2j * np.pi * resonance
+    y = np.zeros(rows, complex)
+    for k in range(20, rows - 1):
+        y[k + 1] = y[k] * np.exp(a[k] * dt) + 2.0 / tau * np.expm1(a[k] * dt) / a[k]
+    t, f = dt * np.arange(rows), np.full(rows, 32300.0)
+    given = {"drive": np.where(np.arange(rows) < 20, 0.0, 100.0), "frequency": f, "sampling": "instant"}
+    return Log("step", noisy(rng, y, level), time=t, kind="transient", **given)
+
+
+@seeds(1, 6)
+def test_a_light_touch_for_a_while_is_no_hum(seeds):
+    """Damping a fifth more for 5 ms: two or three tones, a Fourier series of the touch, were adopted."""
+    here = np.arange(240)
+    touched = np.where((here >= 140) & (here < 190), 1.2, 1.0)
+    for seed in seeds:
+        fit = sysid.fit(step_at(10.0, touched, np.random.default_rng(seed)))
+        assert [(x.key, x.outcome) for x in fit.findings if x.outcome != "noted"] == [("stretch", "refused")]
+        begins, ends = (fit.findings[0].numbers[name].value for name in ("begins", "ends"))
+        assert abs(begins - 0.014) < 0.0015 and abs(ends - 0.019) < 0.0015
+        assert abs(fit.modes[0].tau / 1.67e-3 - 1) < FAR * np.sqrt(fit.modes[0].spread[1, 1])
+
+
+@seeds(1, 6)
+def test_rows_that_are_missing_are_found_to_the_row(seeds, among):
+    """They were sought at sixteen places: of six rows a quarter of the evidence was left."""
+    for seed in seeds:
+        whole = step_at(10.0, np.ones(240), np.random.default_rng(seed))
+        kept = np.delete(np.arange(240), np.arange(28, 34))
+        columns = {name: getattr(whole, name)[kept] for name in ("response", "drive", "frequency")}
+        fit = sysid.fit(replace(whole, **columns, time=whole.time[:234]), nuisances=among("rows_lost"))
+        assert fit.result.name == "successful"
+        (found,) = (x for x in fit.findings if x.outcome == "fitted")
+        rows, after = found.numbers["rows"], found.numbers["after_s"]
+        assert abs(rows.value - 6) < FAR * rows.std and abs(after.value - 0.0028) < FAR * after.std < 5e-4
+        assert abs(np.log(fit.modes[0].tau / 1.67e-3)) < FAR * np.sqrt(fit.modes[0].spread[1, 1])
+
+
 @pytest.mark.parametrize("kind", ["finger", "range", "phase", "dropout"])
 @seeds(1, 6)
 def test_what_is_in_a_log_for_a_while_is_told_by_its_ends(seeds, kind, among):
@@ -624,6 +664,15 @@ def test_a_plant_that_is_not_linear_is_named_with_its_number(law, among):
     assert found.key == key
     assert abs(found.numbers[number].value - truth) < FAR * found.numbers[number].std
     assert fit.parameters["tau"].value == pytest.approx(12.0, rel=0.01)
+
+
+def test_a_plant_that_falls_faster_is_not_that_of_its_decay():
+    """Where the drive is off at the end: its tau was that of what falls, and nothing was said of what rises."""
+    rng = np.random.default_rng(1)
+    log = staircase([0.0, 5.0, 0.0, 8.0, 0.0], 60.0, 12.0, rng, 0.05, lambda v: v, falls=1.6)
+    fit = sysid.fit(log)
+    assert fit.result.name == "misfit"
+    assert [x.key for x in fit.findings if x.outcome == "refused"] == ["asymmetric"]
 
 
 def test_two_time_constants_are_told(among):
