@@ -1,6 +1,6 @@
 """Mapping files as they are read and checked: every key is known, every value of its type.
 
-Beside a path stands the name of a preset (`logs.preset`), `preset:e4990a`."""
+Beside a path stands the name of a preset (`columns.preset`), `preset:e4990a`."""
 
 import math
 import re

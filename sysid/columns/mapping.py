@@ -24,7 +24,7 @@ r"""Mapping files: what the columns of another instrument's log mean, in TOML. A
     rows = [100, 380]                   # counted from 0, the last one out; or [[0, 90], [120, 380]]; or {2 =
                                         # [0, 90]}
     split_by = "sweep"                  # a column (name or position): each of its values is one experiment
-    preset = "sr865"                    # what a preset says (`logs.preset`), and is not said here
+    preset = "sr865"                    # what a preset says (`columns.preset`), and is not said here
     find = true                         # columns that are not named below are found by their heads, as a
                                         # draft does
 
@@ -71,7 +71,7 @@ s; of a current in A it is a charge in C), -j s / omega^2 when it is an accelera
 with the phase of e^{+j omega t}: it wants neither a drive nor `amplitude`. (Its own peak is the
 antiresonance, and no response.) An admittance is a current of so many S: that which the log's voltage drives,
 or 1 V where none is stated; so is any signal that is stated by its drive, in m/s/V or um/N. A reflection or
-transmission, in dB or linear, is read as the admittance that it means (`logs.scattered`), behind
+transmission, in dB or linear, is read as the admittance that it means (`tables.scattered`), behind
 `reference_ohm` of the metadata, or 50 ohm, with the plate where `device` says: "one port" of a reflection,
 "in series" or "across the line" of a transmission; it too wants neither a drive nor `amplitude`. Of wd and wq
 themselves `phase_sign = -1` turns the sign of Wq, and `phase_offset_deg` adds to the phase of Wd + jWq.
@@ -116,7 +116,7 @@ class MappingFile:
     options: dict[str, Any]
     dialect: Dialect = field(default_factory=Dialect)
     base: Mapping[str, Any] = field(default_factory=dict)  # what its preset says, which the options go before
-    finds: bool = False  # whether columns that it does not name are found by their heads (`logs.found`)
+    finds: bool = False  # whether columns that it does not name are found by their heads (`columns.found`)
 
     def fail(self, key: str, message: str) -> LogError:
         """The error that names this file and one of its keys, to raise."""

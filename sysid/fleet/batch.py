@@ -28,7 +28,6 @@ from sysid.verdict.gain_confounding import MOSTLY
 LOOKS = 6  # at the rows, at most
 LEFT = 1e-2  # squared errors of a last step, which leaves their square
 MOVED = 1e-3  # relative change of the noise in a last step, and in a round that no other follows
-SHARE = 0.9  # of a log's degrees of freedom that the plant takes at most, as in `minimum.minimise`
 
 
 class Seen(NamedTuple):

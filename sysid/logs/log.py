@@ -7,7 +7,7 @@ A log is a table with a header whose names end in their units; lines `# key: val
     time_s,voltage_V,frequency_Hz,wd_um,wq_um
     0.0000,5.0,32300.0,0.0,0.0
 
-`read_logs` reads such files, and those of other instruments through a mapping file (see `logs.mapping`).
+`read_logs` reads such files, and those of other instruments through a mapping file (see `columns.mapping`).
 """
 
 from collections.abc import Mapping

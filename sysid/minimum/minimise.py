@@ -35,12 +35,13 @@ ESTIMATED = Rounds(known=1)  # for logs whose noise was estimated at a minimum n
 RUNAWAY = 9.0  # change of log tau in one search, a factor of 8000, that no start from the data needs
 MODES = 8.0  # log-likelihood within which a second minimum counts as a mode
 ALL = 1e100  # of noise: what nobody misses
+SHARE = 0.9  # of a log's degrees of freedom that the plant takes at most
 RIPPLES = 9.0  # log-likelihood, less than which none of sixty things shows beyond chance (`verdict.misfit`)
 
 
 @dataclass(frozen=True)
 class State:
-    """A converged minimum: theta as in `model.likelihood.basis`, the likelihood's covariance, and the trials
+    """A converged minimum: theta as in `model.theta`, the likelihood's covariance, and the trials
     with their noise and nuisances. `dispersion`: what logs that differ by more than their errors add to it
     (`verdict.differing`)."""
 
@@ -389,5 +390,5 @@ def _informed(freedom: np.ndarray, grams: np.ndarray, inverse: np.ndarray) -> np
     degrees fewer.
     """
     leverage = np.einsum("lpq,pq->l", grams, inverse)
-    left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), 0.9)
+    left = 1 - np.minimum(leverage / np.maximum(freedom, 1.0), SHARE)
     return np.einsum("l,lpq->pq", left, grams)

@@ -16,7 +16,7 @@ from sysid.model.theta import NAMES, POSITIVE
 
 
 class Prior(NamedTuple):
-    """Of theta (6,), as `model.likelihood.basis` has it."""
+    """Of theta (6,), as `model.theta` has it."""
 
     mean: np.ndarray
     precision: np.ndarray

@@ -70,7 +70,7 @@ def _admittances(network: Any) -> dict[str, np.ndarray]:
     """The device's admittance (n,), S; of two ports by its place."""
     s = network.s
     if s.shape[1] == 1:
-        return {"": (1 - s[:, 0, 0]) / (network.z0[:, 0] * (1 + s[:, 0, 0]))}  # as `logs.scattered` has it
+        return {"": (1 - s[:, 0, 0]) / (network.z0[:, 0] * (1 + s[:, 0, 0]))}  # as `tables.scattered` has it
     return {"series": -network.y[:, 1, 0], "across": 1 / network.z[:, 1, 0]}
 
 

@@ -30,7 +30,7 @@ FAR = 1e150  # rad/s, a carrier so fast that only the slow mode is left
 
 @dataclass(frozen=True, eq=False)
 class LogResponse:
-    """The response of one log at theta, per unit rotation, as `model.likelihood.basis` computes it; arrays
+    """The response of one log at theta, per unit rotation, as `model.theta` computes it; arrays
     over the rows (n,). At low Q the fast mode is taken as settled: how it rings depends on the carrier's
     phase, which may be far off."""
 

@@ -8,8 +8,8 @@ import numpy as np
 from sysid.trials.trial import Trial
 from sysid.verdict.linearised import LinearisedLog
 from sysid.verdict.term import Term, of_one
+from sysid.verdict.wording import OFTEN
 
-OFTEN = 0.1  # of the rows, at which the inputs change when it matters to which moment of them a row belongs
 LIKE_ONE = 4.0  # the factor about one within which a shape that is what it is taken for has its coefficient
 JUMP = 5.0  # times the usual change of the drive from row to row: an edge
 OFF = (1.5, 3, 6, 12)  # rows by which a response is looked for to be late, or early
