@@ -3,9 +3,6 @@
 import math
 from typing import Any, NamedTuple
 
-# of its frequency, within which a timer's series is used: it is right to NEAR^4 of the frequency, 6e-6
-NEAR = 0.05
-
 
 def begun(source: "Source | None", offset: Any, xp: Any) -> Any:
     """What a source makes of an `offset` to begin with."""

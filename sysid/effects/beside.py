@@ -8,6 +8,7 @@ from sysid.effects.effect import (
     Told,
     beside,
     driven_for_a_while,
+    fixed,
     lasted,
     nowhere,
     oscillating,
@@ -47,7 +48,7 @@ FEEDTHROUGH = Effect(
     name="feedthrough",
     shows=lambda trial: trial.driven and not trial.signed and "background" in trial.nuisances,
     shown_by=lambda trial, about: "wd and wq" if trial.driven and not trial.signed else "",
-    stds=lambda trial, about: np.array([RESISTIVE, CAPACITIVE]),
+    stds=fixed([RESISTIVE, CAPACITIVE]),
     starts=lambda trial, about: np.array(
         [[s * turn.real, s * turn.imag] for s in (0.01, 0.05, 0.2, 0.6) for turn in TURNS]
     ),
@@ -91,8 +92,8 @@ def _crossing(order: int) -> Effect:
             and "background" in trial.nuisances
             and np.max(trial.log.frequency) > WIDE * np.min(trial.log.frequency) > 0
         ),
-        stds=lambda trial, about: np.array([1.0, 1.0]),
-        starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+        stds=fixed([1.0, 1.0]),
+        starts=fixed(np.zeros((1, 2))),  # it is linear
         applied=applied,
         numbers=shares,
         said=said,
@@ -130,8 +131,8 @@ SLOPE = Effect(
         and trial.tuned >= SLOPED
         and np.ptp(trial.log.frequency) > 0  # measured ones may be one that flickers
     ),
-    stds=lambda trial, about: np.array([SLOPING, SLOPING]),
-    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+    stds=fixed([SLOPING, SLOPING]),
+    starts=fixed(np.zeros((1, 2))),  # it is linear
     applied=_sloped,
     numbers=shares,
     said=_sloped_said,
@@ -178,8 +179,8 @@ def _tone_said(trial: Trial, found: dict[str, Number]) -> Told:
     hertz, share = found["tone_Hz"], found["size"]
     beside = "beside the drive's frequency" if trial.resonant else "in it"
     return Told(
-        f"a tone of {hertz.value:.5g} ± {pm(hertz.std)} Hz {beside}, of {100 * share.value:.2g} ±"
-        f" {pm(100 * share.std)} % of the largest response, as of hum or of another source",
+        f"a tone of {hertz:.5g} Hz {beside}, of {share:.2g%} of the largest response, as of hum or of"
+        " another source",
         "find what it comes from, or record longer",
     )
 

@@ -16,8 +16,8 @@ for tau, and it is told by what is left alone. So it is named and not adopted.
 import numpy as np
 from scipy.special import roots_jacobi
 
-from sysid.effects.effect import LEAST_ROWS, About, Effect, Told, always, nowhere, positive, sweep
-from sysid.effects.number import Number, number, pm
+from sysid.effects.effect import LEAST_ROWS, About, Effect, Told, always, fixed, nowhere, one, positive, sweep
+from sysid.effects.number import Number
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
 
@@ -53,8 +53,8 @@ def _distribution(skew: float, shape: float) -> tuple[np.ndarray, np.ndarray]:
 def _said(trial: Trial, found: dict[str, Number]) -> Told:
     std = found["std_Hz"]
     return Told(
-        f"its peak is blurred over the frequency, as by a standard deviation of {std.value:.3g} ±"
-        f" {pm(std.std)} Hz: by an analyser's bandwidth, as a mean of sweeps between which the resonance"
+        f"its peak is blurred over the frequency, as by a standard deviation of {std:.3g} Hz:"
+        " by an analyser's bandwidth, as a mean of sweeps between which the resonance"
         " moved, or by two modes that are nearer than they are wide",
         "record a single sweep, of a bandwidth much below that of the plate",
     )
@@ -63,12 +63,10 @@ def _said(trial: Trial, found: dict[str, Number]) -> Told:
 BLUR = Effect(
     name="blur",
     shows=lambda trial: trial.swept and len(trial.log) >= LEAST_ROWS and (not trial.signed or sweep(trial)),
-    stds=lambda trial, about: np.array([WIDTHS[-1], SKEW, SHAPE]),
-    starts=lambda trial, about: WIDTHS[:, None] * np.eye(1, 3),
+    stds=fixed(np.array([WIDTHS[-1], SKEW, SHAPE])),
+    starts=fixed(WIDTHS[:, None] * np.eye(1, 3)),
     applied=_blurred,
-    numbers=lambda trial, values, stds, about: {
-        "std_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth)
-    },
+    numbers=one("std_Hz", "Hz", lambda trial, about: about.half_bandwidth),
     said=_said,
     rough=always,
     settles=True,

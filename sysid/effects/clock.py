@@ -11,8 +11,10 @@ from sysid.effects.effect import (
     Effect,
     Told,
     course,
+    fixed,
     in_order,
     nowhere,
+    one,
     shifted,
     undone,
 )
@@ -70,7 +72,7 @@ def _delay_said(trial: Trial, found: dict[str, Number]) -> Told:
     way = "behind" if late.value > 0 else "before"
     or_else = ", or the demodulator's lockin_tau_s and lockin_order" if late.value > 0 else ""
     return Told(
-        f"the response is {abs(late.value):.3g} ± {pm(late.std)} s {way} the inputs that are recorded",
+        f"the response is {abs(late):.3g} s {way} the inputs that are recorded",
         f"state delay_s ({stated:.4g}){or_else}",
     )
 
@@ -81,7 +83,7 @@ DELAY = Effect(
     stds=lambda trial, about: np.array([max(about.tau, ROWS[-1] * trial.spacing)]),
     starts=lambda trial, about: np.append(ROWS * trial.spacing, TAUS * about.tau)[:, None],
     applied=_delayed,
-    numbers=lambda trial, values, stds, about: {"delay_s": number(values[0], stds[0], "s")},
+    numbers=one("delay_s", "s"),
     said=_delay_said,
     scope="bench",
     steps=lambda trial, about: np.array([min(trial.spacing, about.tau)]),  # less is a feedthrough
@@ -127,7 +129,7 @@ def _apart_said(trial: Trial, found: dict[str, Number]) -> Told:
     way = "later" if late.value > 0 else "earlier"
     return Told(
         f"its inputs change between its rows: that of {of.value:.4g} s after its first row by"
-        f" {abs(late.value):.2g} ± {pm(late.std)} s {way}, others by less",
+        f" {abs(late):.2g} s {way}, others by less",
         "run the recorder by the clock of the generator, or record faster",
     )
 
@@ -186,8 +188,8 @@ def _lost(share: float) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         rows, begins = found["rows"], found["after_s"]
         return Told(
-            f"from about {begins.value:.2g} s after its first row on it is ahead by {rows.value:.2g} ±"
-            f" {pm(rows.std)} rows: rows seem to be missing there, though the times go on",
+            f"from about {begins.value:.2g} s after its first row on it is ahead by {rows:.2g} rows:"
+            " rows seem to be missing there, though the times go on",
             "record it again, or leave it out",
         )
 
@@ -195,8 +197,8 @@ def _lost(share: float) -> Effect:
         name="rows_lost",
         shows=_gapped,
         stds=stds,
-        starts=lambda trial, about: np.array([[MISSING, 0.0]]),
-        steps=lambda trial, about: np.array([0.25, 1.0]),  # of a row nothing shows where in it it is
+        starts=fixed([[MISSING, 0.0]]),
+        steps=fixed([0.25, 1.0]),  # of a row nothing shows where in it it is
         applied=applied,
         numbers=numbers,
         said=said,
@@ -241,7 +243,7 @@ def as_transient(trial: Trial, time: np.ndarray) -> Trial:
 def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
     dwell = found["dwell_s"]
     return Told(
-        f"swept too fast for settled points (dwell about {dwell.value:.2g} ± {pm(dwell.std)} s)",
+        f"swept too fast for settled points (dwell about {dwell:.2g} s)",
         f"dwell {ENOUGH:.0f} tau or longer at each frequency, or record the time of every row and say kind:"
         f" transient",
     )
@@ -250,14 +252,14 @@ def _hurried_said(trial: Trial, found: dict[str, Number]) -> Told:
 DWELL = Effect(
     name="dwell",
     shows=_unsettled,
-    stds=lambda trial, about: np.array([ENOUGH]),
-    starts=lambda trial, about: DWELLS,
+    stds=fixed([ENOUGH]),
+    starts=fixed(DWELLS),
     applied=_hurried,
-    numbers=lambda trial, values, stds, about: {"dwell_s": number(values[0], stds[0], "s", about.tau)},
+    numbers=one("dwell_s", "s", lambda trial, about: about.tau),
     said=_hurried_said,
     scope="bench",
     linear=(),
-    places=lambda trial, about: DWELLS[2::2],
+    places=fixed(DWELLS[2::2]),
 )
 
 
@@ -280,7 +282,7 @@ def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
             "see what the instrument takes off, or state delay_s below zero",
         )
     return Told(
-        f"its phase falls along the sweep as behind a delay of {delay.value:.4g} ± {pm(delay.std)} s",
+        f"its phase falls along the sweep as behind a delay of {delay:.4g} s",
         "state delay_s",
     )
 
@@ -288,12 +290,10 @@ def _unwound_said(trial: Trial, found: dict[str, Number]) -> Told:
 PHASE_DELAY = Effect(
     name="phase_delay",
     shows=lambda trial: trial.swept and np.iscomplexobj(trial.log.response) and len(trial.log) >= LEAST_ROWS,
-    stds=lambda trial, about: np.array([PHASES[-1]]),
-    starts=lambda trial, about: np.concatenate([-PHASES, PHASES])[:, None],
+    stds=fixed(np.array([PHASES[-1]])),
+    starts=fixed(np.concatenate([-PHASES, PHASES])[:, None]),
     applied=_unwound,
-    numbers=lambda trial, values, stds, about: {
-        "delay_s": number(values[0], stds[0], "s", 1 / (2 * np.pi * float(np.ptp(trial.log.frequency))))
-    },
+    numbers=one("delay_s", "s", lambda trial, about: 1 / (2 * np.pi * float(np.ptp(trial.log.frequency)))),
     said=_unwound_said,
     scope="bench",
 )
@@ -325,10 +325,10 @@ def _unsure(trial: Trial, values: np.ndarray) -> np.ndarray:
 SCATTER = Effect(
     name="frequency_scatter",
     shows=in_order,
-    stds=lambda trial, about: np.ones(1),
-    starts=lambda trial, about: np.ones((1, 1)),  # all of it
+    stds=fixed(np.ones(1)),
+    starts=fixed(np.ones((1, 1))),  # all of it
     applied=_scattered,
-    numbers=lambda trial, values, stds, about: {"share": number(values[0], stds[0], "1")},
+    numbers=one("share", "1"),
     said=_scattered_said,
     leaves=_unsure,
     places=nowhere,  # as large as it is: to first order nothing holds it to that

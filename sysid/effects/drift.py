@@ -13,10 +13,12 @@ from sysid.effects.effect import (
     Fitted,
     Told,
     beside,
+    fixed,
     in_order,
     lasted,
     moving,
     nowhere,
+    one,
     one_way,
     shares,
     shifted,
@@ -94,10 +96,9 @@ def _drift(rates: tuple[float, ...]) -> Effect:
 
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         shift, time = found["shift_Hz"], found.get("time_s")
-        as_it_warms = f", as it warms up within {time.value:.2g} ± {pm(time.std)} s" if time else ""
+        as_it_warms = f", as it warms up within {time:.2g} s" if time else ""
         return Told(
-            f"its resonance drifts by {shift.value:+.3g} ± {pm(shift.std)} Hz from the first row to the last"
-            f"{as_it_warms}",
+            f"its resonance drifts by {shift:+.3g} Hz from the first row to the last{as_it_warms}",
             "f0 may be that of any row; record the temperature of every row, or wait until it is constant",
         )
 
@@ -105,8 +106,8 @@ def _drift(rates: tuple[float, ...]) -> Effect:
         name="f0_drift",
         shows=_drifts,
         shown_by=lambda trial, about: BACK if not rates and _timed(trial) and _scaled(trial) else "",
-        stds=lambda trial, about: np.array([SHIFTS[-1], 0.5, *rates[-1:]]),
-        starts=lambda trial, about: np.array([[x, 0.0, *r] for r in each for x in shifts]),
+        stds=fixed(np.array([SHIFTS[-1], 0.5, *rates[-1:]])),
+        starts=fixed(np.array([[x, 0.0, *r] for r in each for x in shifts])),
         applied=applied,
         numbers=numbers,
         said=said,
@@ -132,7 +133,7 @@ def _heated(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _heated_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift, time = found["shift_Hz"], found["time_s"]
     return Told(
-        f"its resonance drifts by up to {shift.value:+.3g} ± {pm(shift.std)} Hz as the plate heats itself,"
+        f"its resonance drifts by up to {shift:+.3g} Hz as the plate heats itself,"
         f" within about {time.value:.2g} s",
         "f0 is that before; record the temperature of every row on the plate, or drive it less",
     )
@@ -149,7 +150,7 @@ def _warms(trial: Trial, about: About) -> str:
 SELF_HEATING = Effect(
     name="self_heating",
     shows=lambda trial: _timed(trial) and trial.log.time is not None,
-    stds=lambda trial, about: np.array([SHIFTS[-1], np.log(HEATED[2] / HEATED[1]), 0.5]),
+    stds=fixed(np.array([SHIFTS[-1], np.log(HEATED[2] / HEATED[1]), 0.5])),
     starts=lambda trial, about: np.array(
         [[x, np.log(t / HEATED[1]), 0.0] for t in HEATED for x in (*-SHIFTS[1::3], *SHIFTS[1::3])]
     ),
@@ -161,7 +162,7 @@ SELF_HEATING = Effect(
         ),
     },
     said=_heated_said,
-    places=lambda trial, about: np.array([[0.0, np.log(t / HEATED[1]), 0.0] for t in HEATED]),
+    places=fixed(np.array([[0.0, np.log(t / HEATED[1]), 0.0] for t in HEATED])),
     shown_by=_warms,
 )
 
@@ -188,7 +189,7 @@ def _lagged(trial: Trial, lag: float, over: float) -> Trial:
 def _lagged_said(trial: Trial, found: dict[str, Number]) -> Told:
     lag = found["lag_s"]
     return Told(
-        f"the temperature that is recorded is {abs(lag.value):.3g} ± {pm(lag.std)} s"
+        f"the temperature that is recorded is {abs(lag):.3g} s"
         f" {'behind' if lag.value > 0 else 'ahead of'} the plate's",
         "warm it more slowly, or wait until it is constant",
     )
@@ -208,7 +209,7 @@ def _behind(noisy: bool) -> Effect:
         stds=lambda trial, about: LAGS[-1:] * lasted(trial),
         starts=lambda trial, about: np.concatenate([-LAGS, LAGS])[:, None] * lasted(trial),
         applied=applied,
-        numbers=lambda trial, values, stds, about: {"lag_s": number(values[0], stds[0], "s")},
+        numbers=one("lag_s", "s"),
         said=_lagged_said,
         scope="bench",
         places=nowhere if noisy else None,  # of a short lag both are the same
@@ -260,8 +261,8 @@ def _offset_drift(
     return Effect(
         name="offset_drift",
         shows=lambda trial: _creeping(trial) and (not warm or _warmer(trial)),
-        stds=lambda trial, about: np.full(2 * len(shapes), CREPT),
-        starts=lambda trial, about: np.zeros((1, 2 * len(shapes))),  # it is linear
+        stds=fixed(np.full(2 * len(shapes), CREPT)),
+        starts=fixed(np.zeros((1, 2 * len(shapes)))),  # it is linear
         applied=applied,
         numbers=numbers,
         said=said,
@@ -310,7 +311,7 @@ def _turning(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _turning_said(trial: Trial, found: dict[str, Number]) -> Told:
     turn = found["turn_deg"]
     return Told(
-        f"its phase turns by {turn.value:+.3g} ± {pm(turn.std)} degrees from the first row to the last",
+        f"its phase turns by {turn:+.3g} degrees from the first row to the last",
         "lock the demodulator to the source of the drive, or record faster",
     )
 
@@ -320,12 +321,10 @@ PHASE_DRIFT = Effect(
     shows=lambda trial: (
         np.iscomplexobj(trial.log.response) and len(trial.log) >= LEAST_ROWS and not one_way(trial)
     ),
-    stds=lambda trial, about: np.array([TURNED]),
-    starts=lambda trial, about: np.array([[-TURNED], [0.0], [TURNED]]),
+    stds=fixed([TURNED]),
+    starts=fixed(np.array([[-TURNED], [0.0], [TURNED]])),
     applied=_turning,
-    numbers=lambda trial, values, stds, about: {
-        "turn_deg": number(values[0], stds[0], "deg", np.degrees(1.0))
-    },
+    numbers=one("turn_deg", "deg", lambda trial, about: np.degrees(1.0)),
     said=_turning_said,
 )
 
@@ -338,8 +337,7 @@ def _elsewhere(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _elsewhere_said(trial: Trial, found: dict[str, Number]) -> Told:
     off = found["off_Hz"]
     return Told(
-        f"its resonance is {off.value:+.4g} ± {pm(off.std)} Hz off that of the other logs, and its"
-        " temperature is not recorded",
+        f"its resonance is {off:+.4g} Hz off that of the other logs, and its temperature is not recorded",
         "record it: f0 is that of the logs of which this is not said",
     )
 
@@ -347,12 +345,10 @@ def _elsewhere_said(trial: Trial, found: dict[str, Number]) -> Told:
 OWN_RESONANCE = Effect(
     name="resonance",
     shows=lambda trial: trial.resonant and not was_read(trial.log),
-    stds=lambda trial, about: np.array([WARMED]),
-    starts=lambda trial, about: np.array([[-2.0], [-0.5], [0.5], [2.0]]),
+    stds=fixed([WARMED]),
+    starts=fixed(np.array([[-2.0], [-0.5], [0.5], [2.0]])),
     applied=_elsewhere,
-    numbers=lambda trial, values, stds, about: {
-        "off_Hz": number(values[0], stds[0], "Hz", about.half_bandwidth)
-    },
+    numbers=one("off_Hz", "Hz", lambda trial, about: about.half_bandwidth),
     said=_elsewhere_said,
     relative=True,
     places=nowhere,  # `between` shows it

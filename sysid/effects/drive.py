@@ -15,6 +15,7 @@ from sysid.effects.effect import (
     Fitted,
     Told,
     always,
+    fixed,
     nowhere,
     positive,
 )
@@ -55,8 +56,8 @@ def _drive(
     return Effect(
         name="drive",
         shows=lambda trial: trial.driven,
-        stds=lambda trial, about: starts[-1:],
-        starts=lambda trial, about: starts[:, None],
+        stds=fixed(starts[-1:]),
+        starts=fixed(starts[:, None]),
         applied=applied,
         numbers=lambda trial, values, stds, about: dict([numbers(trial, values[0], stds[0], about)]),
         said=lambda trial, found: said(trial.log.drive_unit, next(iter(found.values()))),
@@ -76,8 +77,7 @@ POWER = _drive(
     POWERS,
     lambda trial, more, std, about: ("power", number(1 + more, std, "1")),
     lambda unit, power: Told(
-        f"the response is not proportional to the drive: it goes with its power {power.value:.3g} ±"
-        f" {pm(power.std)}",
+        f"the response is not proportional to the drive: it goes with its power {power:.3g}",
         "record what acts (for a heater the voltage's square), or fit logs of one level",
     ),
     only_more=False,
@@ -87,7 +87,7 @@ DEAD_BAND = _drive(
     DEAD,
     lambda trial, dead, std, about: ("dead", number(dead, std, trial.log.drive_unit, about.drive)),
     lambda unit, dead: Told(
-        f"the response is not proportional to the drive: of that, {dead.value:.3g} ± {pm(dead.std)}"
+        f"the response is not proportional to the drive: of that, {dead:.3g}"
         f" {unit} do nothing, as a dead band or friction",
         "record the drive less what is lost of it, or fit logs of one level",
     ),
@@ -97,7 +97,7 @@ LIMIT = _drive(
     LOST,
     lambda trial, lost, std, about: ("limit", number(1 - lost, std, trial.log.drive_unit, about.drive)),
     lambda unit, limit: Told(
-        f"the response is not proportional to the drive: above {limit.value:.4g} ± {pm(limit.std)}"
+        f"the response is not proportional to the drive: above {limit:.4g}"
         f" {unit} no more of it acts, as of an amplifier at its limit",
         "record what the amplifier gives, or leave the larger levels out",
     ),
@@ -107,7 +107,7 @@ COMPRESSED = _drive(
     BENT,
     lambda trial, more, std, about: ("more", number(more, std, "of the largest drive")),
     lambda unit, more: Told(
-        f"the response is not proportional to the drive, by {100 * more.value:+.2g} ± {pm(100 * more.std)} %"
+        f"the response is not proportional to the drive, by {more:+.2g%}"
         " at its largest: an amplifier that bends, or a duty ratio whose voltage is not stated",
         "state the voltage itself",
     ),
@@ -153,7 +153,7 @@ def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about:
 def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
     over, time = found["over"], found["time_s"]
     return Told(
-        f"its drive overshoots by {100 * over.value:.2g} ± {pm(100 * over.std)} % of each change, and settles"
+        f"its drive overshoots by {over:.2g%} of each change, and settles"
         f" within about {time.value:.2g} s; G is by what it settles to, taken for the drive that is recorded:"
         f" if it sags from that, G is {100 * over.value:.2g} % more",
         "record the drive as the plate gets it, or wait with the response until the drive has settled",
@@ -176,13 +176,13 @@ def _either_level(trial: Trial, values: np.ndarray) -> np.ndarray:
 DRIVE_OVERSHOOT = Effect(
     name="drive_overshoot",
     shows=_steps,
-    stds=lambda trial, about: np.array([OVER, SETTLES[-1]]),
-    starts=lambda trial, about: np.array([*product((0.1, OVER), SETTLES), (0.1, LONG)]),
+    stds=fixed(np.array([OVER, SETTLES[-1]])),
+    starts=fixed([*product((0.1, OVER), SETTLES), (0.1, LONG)]),
     applied=_overshot,
     numbers=_overshot_numbers,
     said=_overshot_said,
     scope="bench",
-    places=lambda trial, about: np.array([[0.0, ratio] for ratio in SETTLES]),
+    places=fixed(np.array([[0.0, ratio] for ratio in SETTLES])),
     shown_by=lambda trial, about: SWEEP if _steps(trial) else "",
     leaves=_either_level,
     makes_sense=_overshoots,

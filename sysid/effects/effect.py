@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from sysid.effects.number import Number, number
 from sysid.logs.log import Log
@@ -176,6 +177,19 @@ class Effect:
 def always(trial: Trial, values: np.ndarray | None = None) -> bool:
     """In any log, with any numbers."""
     return True
+
+
+def fixed(values: ArrayLike) -> Callable[[Trial, About], np.ndarray]:
+    """The same for every log."""
+    array = np.array(values, float)
+    return lambda trial, about: array
+
+
+def one(
+    name: str, unit: str, per: Callable[[Trial, About], float] = lambda trial, about: 1.0
+) -> Callable[[Trial, np.ndarray, np.ndarray, About], dict[str, Number]]:
+    """The first number by its name, of which one is `per` of the unit."""
+    return lambda trial, values, stds, about: {name: number(values[0], stds[0], unit, per(trial, about))}
 
 
 def positive(trial: Trial, fitted: Fitted) -> bool:

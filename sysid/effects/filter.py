@@ -6,8 +6,8 @@ from math import factorial
 import numpy as np
 
 from sysid.effects.clock import ENOUGH, LEAST, as_transient, on_time, timed, timed_sweep
-from sysid.effects.effect import SEEN, About, Effect, Fitted, Told, lasted, nowhere
-from sysid.effects.number import Number, number, pm
+from sysid.effects.effect import SEEN, About, Effect, Fitted, Told, fixed, lasted, nowhere
+from sysid.effects.number import Number, number
 from sysid.trials.trial import Trial
 
 FILTERED = np.array([0.03, 0.1, 0.3, 1.0, 3.0])  # of tau, the delay of all poles
@@ -69,7 +69,7 @@ def _filter(order: int) -> Effect:
         another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
         another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
         says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
-        what = f"{says} one of {poles} of {time.value:.3g} ± {pm(time.std)} s"
+        what = f"{says} one of {poles} of {time:.3g} s"
         return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
 
     def makes_sense(trial: Trial, fitted: Fitted) -> bool:
@@ -82,7 +82,7 @@ def _filter(order: int) -> Effect:
     return Effect(
         name="filter",
         shows=shows,
-        stds=lambda trial, about: np.array([1.0]),
+        stds=fixed([1.0]),
         starts=starts,
         applied=applied,
         numbers=numbers,

@@ -14,11 +14,12 @@ from sysid.effects.effect import (
     Told,
     always,
     beside,
+    fixed,
     moving,
     nowhere,
     resonating,
 )
-from sysid.effects.number import Number, number, pm
+from sysid.effects.number import Number, number
 from sysid.model.theta import NAMES, Theta
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
@@ -84,7 +85,7 @@ def _second_said(trial: Trial, found: dict[str, Number]) -> Told:
     near = abs(apart.value) < BLURRED / (2 * np.pi * found["tau_s"].value)
     doubt = f" ({MEAN})" if trial.swept and near and found["size"].value > MUCH else ""
     return Told(
-        f"a second resonance, {abs(apart.value):.4g} ± {pm(apart.std)} Hz {side} the first and of"
+        f"a second resonance, {abs(apart):.4g} Hz {side} the first and of"
         f" {100 * found['size'].value:.3g} % of its response{doubt}",
         f"a controller of the first alone does not know it: keep it away from there{both}",
     )
@@ -207,7 +208,7 @@ def _second_beside(trial: Trial, values: np.ndarray, about: About) -> Trial:
 SECOND_MODE = Effect(
     name="second_mode",
     shows=resonating,
-    stds=lambda trial, about: np.array([APART[-1], 1.0, 1.0, 1.0, DRIFTS]),
+    stds=fixed(np.array([APART[-1], 1.0, 1.0, 1.0, DRIFTS])),
     starts=_second_starts,
     applied=_second_beside,
     numbers=_second_numbers,
@@ -252,7 +253,7 @@ def _pole_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: Abo
 def _pole_said(trial: Trial, found: dict[str, Number]) -> Told:
     time, share = found["tau_s"], 100 * found["size"].value
     return Told(
-        f"a second time constant of {time.value:.4g} ± {pm(time.std)} s, with {share:.2g} % of the response",
+        f"a second time constant of {time:.4g} s, with {share:.2g} % of the response",
         "drive what has a resonance there, or fit the part that is asked for by itself",
     )
 
@@ -273,7 +274,7 @@ SECOND_POLE = Effect(
         and len(trial.log) >= LEAST_ROWS
         and trial.smoothing[1] == 0
     ),
-    stds=lambda trial, about: np.array([1.0, float(RATIOS[-1])]),
+    stds=fixed(np.array([1.0, float(RATIOS[-1])])),
     starts=_pole_starts,
     applied=_pole_beside,
     numbers=_pole_numbers,

@@ -10,6 +10,18 @@ class Number(NamedTuple):
     std: float
     unit: str
 
+    def __abs__(self) -> "Number":
+        return self._replace(value=abs(self.value))
+
+    def __format__(self, form: str) -> str:
+        """Value and error as people write them; a form that ends in % is one of percent.
+
+        >>> f"{Number(1.234, 0.0312, 's'):.3g} s, {Number(0.05, 0.002, '1'):+.2g%}"
+        '1.23 ± 0.03 s, +5 ± 0.2 %'
+        """
+        per, unit = (100, " %") if form.endswith("%") else (1, "")
+        return f"{per * self.value:{form.removesuffix('%')}} ± {pm(per * self.std)}{unit}"
+
 
 def number(value: float, std: float, unit: str, per: float = 1.0) -> Number:
     """Of plain floats, of which one is `per` of the unit."""

@@ -12,9 +12,11 @@ from sysid.effects.effect import (
     Told,
     always,
     at_others,
+    fixed,
     followed,
     lasted,
     nowhere,
+    one,
     oscillating,
     positive,
     resonating,
@@ -58,8 +60,7 @@ def _softened(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _softened_said(trial: Trial, found: dict[str, Number]) -> Told:
     shift = found["shift_Hz"]
     return Told(
-        f"the frequency depends on the amplitude, by {shift.value:+.3g} ± {pm(shift.std)} Hz at the largest"
-        " response",
+        f"the frequency depends on the amplitude, by {shift:+.3g} Hz at the largest response",
         "f0 is that of a small one; a sweep jumps where the peak leans over (hysteresis); record at a"
         " smaller drive",
     )
@@ -69,8 +70,8 @@ DUFFING = Effect(
     name="duffing",
     law=AMPLITUDE,
     shows=resonating,
-    stds=lambda trial, about: np.array([SHIFTS[-1]]),
-    starts=lambda trial, about: np.concatenate([-SHIFTS, SHIFTS])[:, None],
+    stds=fixed(np.array([SHIFTS[-1]])),
+    starts=fixed(np.concatenate([-SHIFTS, SHIFTS])[:, None]),
     applied=_softened,
     numbers=lambda trial, values, stds, about: {
         "shift_Hz": number(values[0], stds[0], "Hz", about.span),
@@ -115,8 +116,7 @@ def _off_resonance(signed: bool) -> Effect:
         off = found["off_Hz"]
         what = "it was driven" if trial.driven else "the reference of d and q was"
         return Told(
-            f"{what} about {abs(off.value):.3g} ± {pm(off.std)} Hz off the resonance, and no frequency is"
-            " recorded",
+            f"{what} about {abs(off):.3g} Hz off the resonance, and no frequency is recorded",
             "add a frequency_* column, or its value as metadata",
         )
 
@@ -124,8 +124,8 @@ def _off_resonance(signed: bool) -> Effect:
     return Effect(
         name="off_resonance",
         shows=shows,
-        stds=lambda trial, about: np.array([WITHIN]),
-        starts=lambda trial, about: ways[:, None],
+        stds=fixed([WITHIN]),
+        starts=fixed(ways[:, None]),
         applied=applied,
         numbers=lambda trial, values, stds, about: {
             "off_Hz": number(
@@ -171,8 +171,7 @@ def _amplitude_damped(power: int) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         more = found["more"]
         return Told(
-            f"damping depends on the amplitude, by about {100 * more.value:+.3g} ± {pm(100 * more.std)} % at"
-            " the largest response",
+            f"damping depends on the amplitude, by about {more:+.3g%} at the largest response",
             "G and tau are those of a small one; record at a smaller drive",
         )
 
@@ -180,8 +179,8 @@ def _amplitude_damped(power: int) -> Effect:
         name="amplitude_damping",
         law=AMPLITUDE,
         shows=shows,
-        stds=lambda trial, about: np.array([1.0]),
-        starts=lambda trial, about: MORE[:, None],
+        stds=fixed([1.0]),
+        starts=fixed(MORE[:, None]),
         applied=applied,
         numbers=lambda trial, values, stds, about: {
             "more": number(values[0], stds[0], "of the damping"),
@@ -210,7 +209,7 @@ def _warm_damped(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _warm_damped_said(trial: Trial, found: dict[str, Number]) -> Told:
     more, at = found["more"], found["at"]
     return Told(
-        f"damping changes with the temperature, by {100 * more.value:+.3g} ± {pm(100 * more.std)} % per degC",
+        f"damping changes with the temperature, by {more:+.3g%} per degC",
         f"G and tau are those at {at.value:.4g} degC",
     )
 
@@ -219,8 +218,8 @@ TEMPERATURE_DAMPING = Effect(
     name="temperature_damping",
     law="temperature",
     shows=lambda trial: trial.resonant and trial.log.temperature is not None,
-    stds=lambda trial, about: np.array([1.0]),
-    starts=lambda trial, about: np.zeros((1, 1)),  # it is linear
+    stds=fixed([1.0]),
+    starts=fixed(np.zeros((1, 1))),  # it is linear
     applied=_warm_damped,
     numbers=lambda trial, values, stds, about: {
         "more": number(values[0], stds[0], "1/degC", PER_DEGREE),
@@ -240,7 +239,7 @@ def _warm_gained(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _warm_gained_said(trial: Trial, found: dict[str, Number]) -> Told:
     more, at = found["more"], found["at"]
     return Told(
-        f"G changes with the temperature, by {100 * more.value:+.2g} ± {pm(100 * more.std)} % per degC",
+        f"G changes with the temperature, by {more:+.2g%} per degC",
         f"it is that at {at.value:.4g} degC; where force, mass and damping stay it goes as 1/f0",
     )
 
@@ -269,8 +268,7 @@ def _bends(trial: Trial, about: About) -> np.ndarray:
 def _bent_said(trial: Trial, found: dict[str, Number]) -> Told:
     change, at = found["change"], found["at"]
     return Told(
-        f"f0 is not linear in the temperature: k_T changes by {change.value:+.3g} ± {pm(change.std)} Hz/degC"
-        " per degC",
+        f"f0 is not linear in the temperature: k_T changes by {change:+.3g} Hz/degC per degC",
         f"f0 and k_T are those at {at.value:.4g} degC",
     )
 
@@ -281,7 +279,7 @@ CURVED = Effect(
     name="curved",
     law="temperature",
     shows=lambda trial: trial.resonant and trial.log.temperature is not None,
-    stds=lambda trial, about: np.array([1.0]),
+    stds=fixed([1.0]),
     starts=_bends,
     afresh=lambda trial, about: about.bend != 0,
     applied=_bent,
@@ -320,10 +318,10 @@ ASYMMETRIC = Effect(
     shows=lambda trial: (
         not trial.steady and trial.driven and bool(np.any(_falls(trial))) and trial.log.theta is None
     ),
-    stds=lambda trial, about: np.array([1.0]),
-    starts=lambda trial, about: MORE[:, None],
+    stds=fixed([1.0]),
+    starts=fixed(MORE[:, None]),
     applied=_asymmetric,
-    numbers=lambda trial, values, stds, about: {"more": number(values[0], stds[0], "of the damping")},
+    numbers=one("more", "of the damping"),
     said=_asymmetric_said,
     scope="plate",
     rough=always,
@@ -371,7 +369,7 @@ def _overshot_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about:
 
 def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
     hertz, ratio = found["natural_Hz"], found["damping_ratio"]
-    seen = f"natural frequency {hertz.value:.5g} ± {pm(hertz.std)} Hz, damping ratio {ratio.value:.3g}"
+    seen = f"natural frequency {hertz:.5g} Hz, damping ratio {ratio.value:.3g}"
     if not trial.driven:
         what = f"an oscillation itself, which was not demodulated ({seen})"
         return Told(what, "record it 20 times a period or more with its drive, or its amplitude, or d and q")
@@ -382,7 +380,7 @@ def _overshot_said(trial: Trial, found: dict[str, Number]) -> Told:
 OVERSHOOT = Effect(
     name="overshoot",
     shows=_baseband,
-    stds=lambda trial, about: np.array([SLOW, PHASES[-1]]),
+    stds=fixed(np.array([SLOW, PHASES[-1]])),
     starts=_ringing,
     applied=_overshot,
     numbers=_overshot_numbers,

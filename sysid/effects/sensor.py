@@ -14,7 +14,9 @@ from sysid.effects.effect import (
     always,
     at_others,
     driven_for_a_while,
+    fixed,
     lasted,
+    one,
     positive,
     shares,
     size,
@@ -111,8 +113,7 @@ def _saturated(law: Law, each: bool) -> Effect:
     def said(trial: Trial, found: dict[str, Number]) -> Told:
         taken, what = found["taken"], "each channel" if each else "the response"
         return Told(
-            f"{what} is compressed at its largest, by {100 * taken.value:.2g} ± {pm(100 * taken.std)} %:"
-            f" saturated",
+            f"{what} is compressed at its largest, by {taken:.2g%}: saturated",
             "record it again within the range",
         )
 
@@ -122,14 +123,12 @@ def _saturated(law: Law, each: bool) -> Effect:
     return Effect(
         name="saturation",
         shows=shows,
-        stds=lambda trial, about: np.array([TAKEN[-1]]),
-        starts=lambda trial, about: TAKEN[:, None],
+        stds=fixed(np.array([TAKEN[-1]])),
+        starts=fixed(TAKEN[:, None]),
         applied=applied,
         rough=always,
         stretched=stretched,
-        numbers=lambda trial, values, stds, about: {
-            "taken": number(values[0], stds[0], "of the largest row")
-        },
+        numbers=one("taken", "of the largest row"),
         said=said,
         makes_sense=positive,
         shown_by=at_others(shows),
@@ -168,8 +167,8 @@ def _unlike(trial: Trial, values: np.ndarray) -> np.ndarray:
 IMAGE = Effect(
     name="image",
     shows=lambda trial: np.iscomplexobj(trial.log.response),
-    stds=lambda trial, about: np.array([TAKEN[1], TAKEN[1]]),
-    starts=lambda trial, about: np.zeros((1, 2)),  # it is linear
+    stds=fixed(np.array([TAKEN[1], TAKEN[1]])),
+    starts=fixed(np.zeros((1, 2))),  # it is linear
     applied=_mirrored,
     numbers=shares,
     vague=lambda trial, values: True,  # half of what anything adds to d and q
@@ -194,8 +193,7 @@ def _coupled(trial: Trial, values: np.ndarray, about: About) -> Trial:
 def _coupled_said(trial: Trial, found: dict[str, Number]) -> Told:
     time = found["time_s"]
     return Told(
-        f"what stays dies away behind its sensor, within {time.value:.3g} ± {pm(time.std)} s, as behind a"
-        " high-pass (AC coupling)",
+        f"what stays dies away behind its sensor, within {time:.3g} s, as behind a high-pass (AC coupling)",
         "couple the sensor to DC",
     )
 
@@ -208,8 +206,8 @@ def _coupled_numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: 
 AC_COUPLING = Effect(
     name="ac_coupling",
     shows=driven_for_a_while,
-    stds=lambda trial, about: np.array([FORGOTTEN[-1]]),
-    starts=lambda trial, about: FORGOTTEN[:, None],
+    stds=fixed(np.array([FORGOTTEN[-1]])),
+    starts=fixed(FORGOTTEN[:, None]),
     applied=_coupled,
     numbers=_coupled_numbers,
     said=_coupled_said,

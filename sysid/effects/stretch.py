@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sysid.effects.effect import About, Effect, Told, always, nowhere, undone
+from sysid.effects.effect import About, Effect, Told, always, fixed, nowhere, undone
 from sysid.effects.number import Number, number
 from sysid.trials.perturbed import LogResponse
 from sysid.trials.trial import Trial
@@ -260,7 +260,7 @@ def _said(trial: Trial, found: dict[str, Number]) -> Told:
 STRETCH = Effect(
     name="stretch",
     shows=_moves,
-    stds=lambda trial, about: np.ones(4),
+    stds=fixed(np.ones(4)),
     starts=_likeliest,
     applied=_without,
     hop=_best,

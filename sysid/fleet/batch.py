@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from sysid.fleet.closed import Block, gram
-from sysid.minimum.minimise import NEAR, SHORT
+from sysid.minimum.minimise import NEAR, SHARE, SHORT
 from sysid.trials.trial import FLOOR
 from sysid.verdict.gain_confounding import MOSTLY
 

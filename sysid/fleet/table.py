@@ -55,13 +55,6 @@ class Told:
         return whole.iloc[[place[plate] for plate in plates]].reset_index(drop=True)
 
 
-def framed(rows: Sequence[Row]) -> pd.DataFrame:
-    """The table of rows, in their order."""
-    told = Told()
-    told.add(rows)
-    return told.framed([row["plate"] for row in rows])
-
-
 def _part(rows: Sequence[Row]) -> pd.DataFrame:
     """The columns of rows, of the parameters that these tell."""
     known = {*PLANT, *(name for row in rows for name in row.get("parameters", ()))}

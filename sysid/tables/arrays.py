@@ -2,13 +2,12 @@
 names (`.npz`). Objects, which numpy pickles, are left out and never made."""
 
 import zipfile
-import zlib
 from typing import BinaryIO, cast
 
 import numpy as np
 from numpy.lib import format as npy
 
-from sysid.tables.store import Store
+from sysid.tables.store import Store, readable
 from sysid.tables.textfile import LogError
 
 NUMBER = 8  # bytes of one
@@ -30,18 +29,15 @@ def read_npy(path: str, kind: str) -> Store:
 def read_npz(path: str, kind: str) -> Store:
     """The contents of an archive of arrays. Raises LogError where it is damaged."""
     store = Store(path, kind)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for info in archive.infolist():
-                name = info.filename.removesuffix(ENDING)
-                with archive.open(info) as file:
-                    array = _array(store, name, cast(BinaryIO, file))
-                if array is None:
-                    store.left_out.append(f"{name} (objects)")
-                else:
-                    store.add("", name, array)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError, EOFError, zlib.error) as error:
-        raise _damaged(path, kind, error) from None
+    with readable(store, kind.partition(" ")[2]), zipfile.ZipFile(path) as archive:
+        for info in archive.infolist():
+            name = info.filename.removesuffix(ENDING)
+            with archive.open(info) as file:
+                array = _array(store, name, cast(BinaryIO, file))
+            if array is None:
+                store.left_out.append(f"{name} (objects)")
+            else:
+                store.add("", name, array)
     return store
 
 
@@ -58,7 +54,7 @@ def is_npz(path: str) -> bool:
 def _array(store: Store, name: str, file: BinaryIO) -> np.ndarray | None:
     """The array at the place of a file, as many numbers as its head claims; None of objects. Damaged:
     LogError."""
-    try:
+    with readable(store, store.kind.partition(" ")[2]):
         version = npy.read_magic(file)
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, fortran, dtype = read(file)
@@ -70,12 +66,3 @@ def _array(store: Store, name: str, file: BinaryIO) -> np.ndarray | None:
         content = file.read(count * dtype.itemsize)
         flat = np.frombuffer(content, dtype, count)
         return flat.reshape(shape, order="F" if fortran else "C")
-    except LogError:
-        raise
-    except (ValueError, EOFError, zipfile.BadZipFile, SyntaxError, TypeError, OSError, zlib.error) as error:
-        raise _damaged(store.path, store.kind, error) from None
-
-
-def _damaged(path: str, kind: str, error: Exception) -> LogError:
-    found = f"found a damaged {kind.partition(' ')[2]} ({error})"
-    return LogError(f"{path}: {found}, expected one that can be read")

@@ -5,23 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from sysid.tables.store import Store, library
-from sysid.tables.textfile import LogError
-
-# What the library raises of bytes that are none of its files.
-DAMAGED = (OSError, ValueError, KeyError, TypeError, NotImplementedError, MemoryError, OverflowError)
+from sysid.tables.store import Store, library, readable
 
 
 def read_parquet(path: str, kind: str) -> Store:
     """The contents of a Parquet file. Raises LogError where it is damaged, or claims too many rows."""
     parquet, store = library("pyarrow.parquet", path, kind, "files"), Store(path, kind)
-    try:
+    with readable(store, "Parquet file"):
         file = parquet.ParquetFile(path)
         store.claim("the table", file.metadata.num_rows * file.metadata.num_columns)
         store.claimed = 0
         _enter(store, file.read())
-    except DAMAGED as error:
-        raise _damaged(path, "Parquet", error) from None
     return store
 
 
@@ -30,7 +24,7 @@ def read_feather(path: str, kind: str) -> Store:
     does."""
     ipc, store = library("pyarrow.ipc", path, kind, "files"), Store(path, kind)
     pyarrow = library("pyarrow", path, kind, "files")
-    try:
+    with readable(store, "Feather file"):
         # What is packed is counted before it is unpacked: the batches say their rows themselves.
         dataset = library("pyarrow.dataset", path, kind, "files").dataset(path, format="ipc")
         store.claim("the table", dataset.count_rows() * len(dataset.schema))
@@ -41,16 +35,7 @@ def read_feather(path: str, kind: str) -> Store:
             table = pyarrow.Table.from_batches(batches, reader.schema)
             table.validate(full=True)
             _enter(store, table)
-    except DAMAGED as error:
-        raise _damaged(path, "Feather", error) from None
     return store
-
-
-def _damaged(path: str, name: str, error: Exception) -> LogError:
-    if isinstance(error, LogError):
-        return error
-    said = " ".join(str(error).split())[:200]
-    return LogError(f"{path}: found a damaged {name} file ({said}), expected one that can be read")
 
 
 def _enter(store: Store, table: Any) -> None:

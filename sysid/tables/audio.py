@@ -5,23 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from sysid.tables.store import Store, library
+from sysid.tables.store import Store, library, readable
 from sysid.tables.textfile import LogError
 
 
 def read_wav(path: str, kind: str) -> Store:
     """The contents of a WAV file. Raises LogError where it is damaged, or cut off."""
     wavfile, store = library("scipy.io.wavfile", path, kind, "files"), Store(path, kind)
-    try:
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
-            rate, samples = _samples(wavfile, path)
-            store.claim("the samples", samples.size)
-            store.claimed = 0
-    except LogError:
-        raise
-    except Exception as error:  # the library answers damaged files with errors of many types
-        raise LogError(f"{path}: found a damaged WAV file ({error}), expected one that can be read") from None
+    with readable(store, "WAV file"), warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        rate, samples = _samples(wavfile, path)
+        store.claim("the samples", samples.size)
+        store.claimed = 0
     if cut := next((str(of.message) for of in said if "EOF" in str(of.message)), ""):
         raise LogError(
             f"{path}: found a WAV file that is cut off ({cut}), expected one that was written to its end"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from sysid.tables.store import Store, library
+from sysid.tables.store import Store, library, readable
 from sysid.tables.textfile import LogError
 
 DEEPEST = 32  # groups within groups
@@ -20,15 +20,8 @@ def read_hdf(path: str, kind: str) -> Store:
     """The contents of an HDF5 file. Raises LogError where it is damaged, or points out of itself."""
     h5py = library("h5py", path, kind, "files")
     store = Store(path, kind)
-    try:
-        with h5py.File(path, "r") as file:
-            _enter(h5py, store, file, "", 0)
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, LogError):
-            raise
-        raise LogError(
-            f"{path}: found damaged {kind[2:].strip()} ({error}), expected one that can be read"
-        ) from None
+    with readable(store, kind.partition(" ")[2]), h5py.File(path, "r") as file:
+        _enter(h5py, store, file, "", 0)
     return store
 
 

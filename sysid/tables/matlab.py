@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from sysid.tables.hdf import read_hdf
-from sysid.tables.store import MOST, Store, library
-from sysid.tables.textfile import LogError
+from sysid.tables.store import MOST, Store, library, readable
 
 DEEPEST = 8  # structures within structures
 HEADER, COMPRESSED = (
@@ -26,18 +25,13 @@ def read_matlab(path: str, kind: str) -> Store:
             return read_hdf(path, kind)
     matlab = library("scipy.io", path, kind, "files")
     store = Store(path, kind)
-    try:
+    with readable(store, "MATLAB file"):
         store.claim("the variables", _unpacked(path) // 8)
         store.claimed = 0
         for name, shape, _ in matlab.whosmat(path):
             store.claim(name, int(np.prod([int(n) for n in shape], dtype=object)))
         store.claimed = 0
         variables = matlab.loadmat(path, chars_as_strings=True, struct_as_record=True)
-    except LogError:
-        raise
-    except Exception as error:  # the library answers damaged files with errors of many types
-        found = f"found a damaged MATLAB file ({type(error).__name__}: {error})"
-        raise LogError(f"{path}: {found}, expected one that can be read") from None
     for name, values in variables.items():
         if not name.startswith("__"):
             _enter(store, "", name, values, 0)

@@ -6,7 +6,9 @@ file (objects, functions, references) is never made or run: it is named, and lef
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
@@ -135,6 +137,22 @@ def _of_one_array(names: Sequence[str]) -> bool:
     """Whether columns are those of one array, whose numbers say nothing."""
     found = [re.fullmatch(r"(.*)\[\d+\]", name) for name in names]
     return all(found) and len({one[1] for one in found if one}) == 1 < len(names)
+
+
+@contextmanager
+def readable(store: Store, what: str) -> Iterator[None]:
+    """Around a library, which answers damaged files with errors of many types, and warns of others."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    except LogError:
+        raise
+    except Exception as error:
+        said = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise LogError(
+            f"{store.path}: found a damaged {what} ({said}), expected one that can be read"
+        ) from None
 
 
 def claim_text(store: Store) -> None:

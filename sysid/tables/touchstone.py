@@ -10,14 +10,13 @@ With the reference impedance R of the file (S parameters, Pozar, Microwave Engin
 Which of the last two it is the parameters themselves tell. A resonance of S alone has the loaded Q; that of Y
 is the plate's own."""
 
-import warnings
 from typing import Any
 
 import numpy as np
 
 from sysid.tables.csvfile import metadata_of
 from sysid.tables.scattered import ACROSS, ONE, SERIES, steepness
-from sysid.tables.store import Store, claim_text, library
+from sysid.tables.store import Store, claim_text, library, readable
 from sysid.tables.textfile import LogError
 
 SAME = 0.1  # of S21 in series, of S11 across the line, by which a device may be off the rule of its place
@@ -29,20 +28,11 @@ def read_touchstone(path: str, kind: str) -> Store:
     damaged."""
     skrf, store = library("skrf", path, kind, "touchstone"), Store(path, kind)
     claim_text(store)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            network = skrf.Network()
-            network.read_touchstone(path)
-            enter(store, network)
-            store.constants |= metadata_of((network.comments or "").splitlines())[0]
-    except LogError:
-        raise
-    except Exception as error:  # the library answers damaged files with errors of many types
-        raise LogError(
-            f"{path}: found a damaged Touchstone file ({type(error).__name__}: {error}), expected one that"
-            f" can be read"
-        ) from None
+    with readable(store, "Touchstone file"):
+        network = skrf.Network()
+        network.read_touchstone(path)
+        enter(store, network)
+        store.constants |= metadata_of((network.comments or "").splitlines())[0]
     return store
 
 

@@ -1,12 +1,11 @@
 """Universal files (UFF, data set 58): frequency responses and time histories, each a table of its abscissa
 and its values."""
 
-import warnings
 from typing import Any
 
 import numpy as np
 
-from sysid.tables.store import Store, claim_text, library
+from sysid.tables.store import Store, claim_text, library, readable
 from sysid.tables.textfile import LogError
 
 ABSCISSA = {17: "time_s", 18: "frequency_Hz", 5: "temperature_degC"}
@@ -25,17 +24,10 @@ def read_uff(path: str, kind: str) -> Store:
     """The functions of a universal file. Raises LogError where it is damaged."""
     pyuff, store = library("pyuff", path, kind, "uff"), Store(path, kind)
     claim_text(store)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            file = pyuff.UFF(path)
-            places = [k for k, number in enumerate(file.get_set_types()) if int(number) == 58]
-            sets = [file.read_sets(k) for k in places]
-    except Exception as error:  # the library answers damaged files with errors of many types
-        raise LogError(
-            f"{path}: found a damaged universal file ({type(error).__name__}: {error}), expected one that"
-            f" can be read"
-        ) from None
+    with readable(store, "universal file"):
+        file = pyuff.UFF(path)
+        places = [k for k, number in enumerate(file.get_set_types()) if int(number) == 58]
+        sets = [file.read_sets(k) for k in places]
     if not sets:
         raise LogError(
             f"{path}: found a universal file without a data set 58, expected a function: a frequency"

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 from sysid.effects.number import Number
 
-OUTCOMES = ("fitted", "widened", "refused", "noted")
 PAGE = "docs/errors.md"  # with an entry for each key
 
 

@@ -22,15 +22,15 @@ from sysid.trials.trial import LEAST_WARMING, Trial, numbers_left
 RELATIVE = 0.2
 WARMING = 10.0
 SPARE = 4  # numbers beyond the unknowns, below which the noise, and with it every error, is a guess
-HIDDEN = "cannot tell, because noise or background hide the response; record it at a larger drive"
+HIDDEN = "noise or background hide the response; record it at a larger drive"
 SETTLED_AMPLITUDE = (
-    "cannot tell, because the settled amplitude at one frequency does not say how far that is from the"
+    "the settled amplitude at one frequency does not say how far that is from the"
     " resonance; record a sweep across the resonance"
 )
-UNTUNED = "cannot tell, because no frequency is recorded; add a frequency_* column, or its value as metadata"
+UNTUNED = "no frequency is recorded; add a frequency_* column, or its value as metadata"
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
 NO_ENVELOPE = (
-    "cannot tell, because rows differ from their neighbours as from any others, as noise does, or an"
+    "rows differ from their neighbours as from any others, as noise does, or an"
     " oscillation that was not demodulated; record its amplitude, or wd and wq, or the oscillation as kind:"
     " waveform"
 )
@@ -57,13 +57,18 @@ def limits(G: float, tau: float) -> dict[str, float]:
 
 def why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], modes: int) -> str:
     """One sentence: why `name` cannot be told from these logs, and what to record."""
+    said = _why(name, trials, tau, free, modes)
+    return f"cannot tell{'' if said.startswith('to ') else ', because'} {said}"
+
+
+def _why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], modes: int) -> str:
     if said := hopeless(trials, free):
         return said
     if modes > 1:
         return _why_modes(name, trials)
     if name in ("tau", "f0") and "k_T" in free and any(_drifts_along(t) for t in trials):
         return (
-            "cannot tell, because the temperature drifted along with the frequency, which k_T and the width"
+            "the temperature drifted along with the frequency, which k_T and the width"
             " of the resonance explain alike; record another sweep at a temperature 10 degC away, or the"
             " same one downwards"
         )
@@ -81,14 +86,11 @@ def hopeless(trials: Sequence[Trial], free: Sequence[str]) -> str | None:
     """A sentence when nothing can be determined from these logs; else None."""
     if sum(numbers_left(t) for t in trials) - len(free) < SPARE:
         return (
-            "cannot tell, because the readings are hardly more than the unknowns, so that their noise cannot"
+            "the readings are hardly more than the unknowns, so that their noise cannot"
             " be told; record ten points or more"
         )
     if all(t.silent for t in trials):
-        return (
-            "cannot tell, because the response is the same in every row; see whether the sensor and what"
-            " reads it were on"
-        )
+        return "the response is the same in every row; see whether the sensor and what reads it were on"
     return None
 
 
@@ -182,32 +184,29 @@ def _drifts_along(trial: Trial) -> bool:
 def _why_modes(name: str, trials: Sequence[Trial]) -> str:
     if name in ("G", "tau") and any(t.bench.standing for t in trials):
         return (
-            "cannot tell, because the amplitude does not say whether the offset under it adds to the response"
+            "the amplitude does not say whether the offset under it adds to the response"
             " or takes from it, and two solutions fit alike; record wd and wq, or how it rings down once the"
             " drive is off"
         )
     if all(t.log.amplitude_only for t in trials if t.resonant):
         return (
-            "cannot tell, because the amplitude alone does not say on which side of the drive the resonance"
+            "the amplitude alone does not say on which side of the drive the resonance"
             " lies and two solutions fit alike; record wd and wq, or a sweep across the resonance"
         )
-    return (
-        "cannot tell, because separate solutions fit these logs alike; record a sweep across the resonance"
-        " and a voltage step"
-    )
+    return "separate solutions fit these logs alike; record a sweep across the resonance and a voltage step"
 
 
 def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.log.drive is None for t in trials):
         return (
-            "cannot tell, because no drive is recorded, or zero throughout; record a voltage step, its drive"
+            "no drive is recorded, or zero throughout; record a voltage step, its drive"
             " as a voltage_* or drive_* column"
         )
     if not any(t.driven for t in trials):
-        return "cannot tell, because the drive is zero in every row; record a voltage step"
+        return "the drive is zero in every row; record a voltage step"
     if all(t.one_level for t in trials if t.driven):
         return (
-            "cannot tell, because no row shows the response without drive, so that an output offset, a plate"
+            "no row shows the response without drive, so that an output offset, a plate"
             f" that still rings and a gain look alike; record {seconds(tau)} before the step, with the drive"
             " at zero"
         )
@@ -216,20 +215,20 @@ def _why_gain(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     driven = [t for t in trials if t.driven]
     if _one_frequency(driven):
         return (
-            "cannot tell, because at one frequency a gain and a resonance beside the drive look alike; record"
+            "at one frequency a gain and a resonance beside the drive look alike; record"
             " a sweep across the resonance"
         )
     if said := _too_short(driven, tau) or _too_narrow(driven, tau):
         return said
     if all(not t.steady and t.lateness > 0.5 * RELATIVE * tau for t in driven):
         return (
-            "cannot tell, because a feedthrough, a response that is late by a row and a gain look alike in a"
+            "a feedthrough, a response that is late by a row and a gain look alike in a"
             f" step; record a sweep across the resonance, or rows {seconds(0.05 * tau)} apart or closer"
         )
     held = (not (t.steady or t.from_rest or t.log.drive is None or np.ptp(t.log.drive)) for t in driven)
     if all(held):
         return (
-            "cannot tell, because the drive does not change, and no row shows the response without it or away"
+            "the drive does not change, and no row shows the response without it or away"
             " from the resonance, where a background and a gain differ; record a sweep across the resonance"
         )
     return HIDDEN
@@ -240,38 +239,34 @@ def _why_tau(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     swept = [t for t in trials if t.steady and t.resonant and np.ptp(t.log.frequency) > 0]
     if not moving and not swept:
         return (
-            "cannot tell, because settled points at one frequency hold no time constant; record a voltage"
+            "settled points at one frequency hold no time constant; record a voltage"
             " step or a sweep across the resonance"
         )
-    hidden = "cannot tell, because noise hides the transient; record a larger step, or the average of several"
+    hidden = "noise hides the transient; record a larger step, or the average of several"
     if not any(t.resonant or t.driven for t in moving + swept):
         hidden = NO_ENVELOPE
     if _one_frequency(trials):
         return (
-            "cannot tell, because one frequency at a constant drive holds no time constant; record a voltage"
+            "one frequency at a constant drive holds no time constant; record a voltage"
             " step or a sweep across the resonance"
         )
     if moving and not swept:
         window = max(t.log.time[-1] - t.log.time[0] for t in moving)
         if window == 0:
-            return (
-                "cannot tell, because all rows are of one moment; see whether the time is in the column that"
-                " was taken for it"
-            )
+            return "all rows are of one moment; see whether the time is in the column that was taken for it"
         step = min(np.median(np.diff(t.log.time)) for t in moving if len(t.log) > 1)
         if all(_buried(t) for t in moving):
             return hidden
         if all(_settles_between(t) for t in moving):
             return (
-                f"cannot tell, because rows are {seconds(step)} apart and the response settles between two"
+                f"rows are {seconds(step)} apart and the response settles between two"
                 f" of them; record rows {seconds(step / 100)} apart or closer"
             )
         if said := _too_short(moving, tau):
             return said
     if swept and not moving:
         return _too_narrow(swept, tau) or (
-            "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of"
-            " several sweeps"
+            "noise hides the resonance; record it at a larger drive, or the average of several sweeps"
         )
     return hidden
 
@@ -286,13 +281,13 @@ def _too_short(trials: Sequence[Trial], tau: float) -> str:
         return ""
     if window < BENDS * tau and any(t.driven for t in trials):
         return (
-            "cannot tell, because the response goes on at the same rate to the end of the longest log, as"
+            "the response goes on at the same rate to the end of the longest log, as"
             " that of a plant that integrates (the angle of a motor, the level of a tank), which has no G and"
             f" no tau: record its rate of change; or, if it settles, {seconds(10 * window)} or more after a"
             " step"
         )
     return (
-        f"cannot tell, because the longest log covers {window / tau:.2g} tau; record {seconds(10 * window)}"
+        f"the longest log covers {window / tau:.2g} tau; record {seconds(10 * window)}"
         " or more after a voltage step"
     )
 
@@ -308,7 +303,7 @@ def _too_narrow(trials: Sequence[Trial], tau: float) -> str:
     ):
         return ""
     return (
-        f"cannot tell, because a sweep over {span:.4g} Hz does not show the width of the resonance; sweep"
+        f"a sweep over {span:.4g} Hz does not show the width of the resonance; sweep"
         f" over at least {max(10 * span, 3 / (np.pi * tau)):.3g} Hz about the peak, with ten points or more"
         " across it"
     )
@@ -330,23 +325,18 @@ def _why_f0(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         return UNTUNED
     if all(t.log.amplitude_only and not t.swept for t in trials if t.resonant):
         return (
-            "cannot tell, because the amplitude of a step near resonance does not depend on the detuning;"
+            "the amplitude of a step near resonance does not depend on the detuning;"
             " record wd and wq, or a sweep across the resonance"
         )
     if _one_frequency(trials):
         return (
-            "cannot tell, because at one frequency a rotation of the demodulator's phase and a resonance"
+            "at one frequency a rotation of the demodulator's phase and a resonance"
             " beside the drive look alike; record a sweep across the resonance"
         )
     if all(t.silent or (_buried(t) and not _level(t)) for t in trials):
-        return (
-            "cannot tell, because noise hides the resonance; record it at a larger drive, or the average of"
-            " several logs"
-        )
+        return "noise hides the resonance; record it at a larger drive, or the average of several logs"
     width = max(3 / (np.pi * tau), 10 * _span(trials))
-    return (
-        f"cannot tell to half a bandwidth; record a sweep across the resonance, {width:.3g} Hz wide or more"
-    )
+    return f"to half a bandwidth; record a sweep across the resonance, {width:.3g} Hz wide or more"
 
 
 def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
@@ -355,30 +345,30 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
         return UNTUNED
     if not warm:
         return (
-            "cannot tell, because no temperature is recorded; record sweeps at two temperatures, 10 degC"
+            "no temperature is recorded; record sweeps at two temperatures, 10 degC"
             " apart, and fit those instead"
         )
     lowest, highest = min(w.min() for w in warm), max(w.max() for w in warm)
     if "k_T" not in free:
         return (
-            f"cannot tell, because all logs are at one temperature ({(lowest + highest) / 2:.1f} degC);"
+            f"all logs are at one temperature ({(lowest + highest) / 2:.1f} degC);"
             f" record a sweep 10 degC away from it"
         )
     if _one_amplitude(trials):
         return SETTLED_AMPLITUDE
     if _one_frequency(trials):
         return (
-            "cannot tell, because at one frequency only the product of k_T and tau follows from how the"
+            "at one frequency only the product of k_T and tau follows from how the"
             " response changes with the temperature; record a voltage step, and a sweep at each of two"
             " temperatures 10 degC apart"
         )
     if within_errors(trials):
         return (
-            f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the error of"
+            f"{highest - lowest:.2g} degC of change is too little beside the error of"
             f" the thermometer (temperature_std_degC); record sweeps at temperatures further apart"
         )
     return (
-        f"cannot tell, because {highest - lowest:.2g} degC of change is too little beside the errors of the"
+        f"{highest - lowest:.2g} degC of change is too little beside the errors of the"
         " resonance; record sweeps at temperatures further apart"
     )
 
@@ -386,10 +376,10 @@ def _why_drift(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
 def _why_finger(trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
     if all(t.log.amplitude_only for t in trials if t.touched):
         return (
-            "cannot tell, because the amplitude alone does not say whether a finger damps the plate or moves"
+            "the amplitude alone does not say whether a finger damps the plate or moves"
             " its resonance; record wd and wq under the finger"
         )
-    return "cannot tell, because noise hides what the finger does; press for longer, or to 1.5 N"
+    return "noise hides what the finger does; press for longer, or to 1.5 N"
 
 
 def seconds(t: float) -> str:

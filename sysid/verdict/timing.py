@@ -31,11 +31,6 @@ EARLY = (
     " sampling: settled if rows belong to their own inputs (they are a row early), or state a delay_s of"
     " {:.2g}"
 )
-FILTERED = (
-    "{}: the response begins late in another way than by the {:.2g} s that delay_s states, as behind a"
-    " demodulator's filter,"
-    " which cannot be told from tau; state lockin_tau_s and lockin_order"
-)
 NOT_HELD = (
     "rows do not show the response to inputs that are held from the row before; say sampling: settled if"
     " they belong to their own"
