@@ -110,6 +110,19 @@ def test_a_response_that_is_the_same_in_every_row_is_called_that(bench, kind, va
     assert not any(p.determined for p in shown.values())
 
 
+def test_a_drive_that_only_moves_slowly_is_why_nothing_is_told(bench):
+    """Up and down in a thousand rows, three tau apart: by the seed it was noise, a log too short, or a faster
+    part of the plant."""
+    for seed in range(3):
+        up = np.linspace(0.0, 100.0, 500)
+        log = bench.transient(seed=seed, volts=np.concatenate([np.zeros(20), up, up[::-1]]), dt=5e-3)
+        found = sysid.fit([log])
+        assert found.result.name == "undetermined"
+        for name in ("G", "tau"):
+            assert "the drive only moves slowly" in found.parameters[name].why
+        assert not any(f.outcome == "refused" for f in found.findings)
+
+
 @pytest.mark.parametrize("drive", [0.0, 100.0])
 def test_a_line_in_noise_is_no_resonance(bench, drive):
     """White noise about a constant: some line of it fits a sharp resonance, whose f0 seems to be known."""

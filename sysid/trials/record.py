@@ -10,6 +10,7 @@ from sysid.rows.hold import Hold
 from sysid.rows.prepare import from_rest, one_level
 
 FLUX = "V*s"  # the unit of what the voltage of a coil is read as
+SLOW = 0.05  # of a drive's range from row to row: it takes twenty rows or more from end to end
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,15 @@ class Record:
     def resonant(self) -> bool:
         """An excitation frequency is recorded."""
         return self.log.frequency is not None
+
+    @property
+    def creeps(self) -> bool:
+        """Whether it is a transient at one frequency whose drive changes from row to row, and nowhere by
+        much."""
+        if self.steady or not self.driven or (self.resonant and np.ptp(self.log.frequency) > 0):
+            return False
+        change = np.abs(np.diff(self.log.drive))
+        return bool(np.mean(change > 0) > 0.5 and np.max(change) < SLOW * np.ptp(self.log.drive))
 
     @property
     def swept(self) -> bool:

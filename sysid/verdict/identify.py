@@ -29,6 +29,11 @@ SETTLED_AMPLITUDE = (
 )
 UNTUNED = "no frequency is recorded; add a frequency_* column, or its value as metadata"
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
+CREEPING = (
+    "the drive only moves slowly, and the response follows it from row to row: no transient shows, and a gain,"
+    " a feedthrough and a resonance beside the drive look alike; record a voltage step, or a sweep across the"
+    " resonance"
+)
 NO_ENVELOPE = (
     "rows differ from their neighbours as from any others, as noise does, or an"
     " oscillation that was not demodulated; record its amplitude, or wd and wq, or the oscillation as kind:"
@@ -78,6 +83,9 @@ def _why(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str], mo
 
 
 def _cause(name: str, trials: Sequence[Trial], tau: float, free: Sequence[str]) -> str:
+    driven = [t for t in trials if t.driven]
+    if name != "k_T" and driven and all(t.creeps for t in driven):
+        return CREEPING
     causes = {"G": _why_gain, "tau": _why_tau, "f0": _why_f0, "k_T": _why_drift}
     return causes.get(name, _why_finger)(trials, tau, free)
 

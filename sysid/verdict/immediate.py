@@ -32,7 +32,8 @@ def responds_at_once(state: State, reference: tuple[float, float]) -> list[str]:
 
 
 def _steps(trial: Trial) -> bool:
-    return not trial.steady and trial.driven and trial.signed and "feedthrough" in trial.shapes
+    moves = not trial.steady and trial.driven and not trial.creeps
+    return moves and trial.signed and "feedthrough" in trial.shapes
 
 
 def _of(view: LinearisedLog, state: State) -> str | None:
