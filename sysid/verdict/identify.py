@@ -31,8 +31,8 @@ UNTUNED = "no frequency is recorded; add a frequency_* column, or its value as m
 FINER = "a finer range of the recorder, or noise of half one of its steps (dither), would tell more"
 CREEPING = (
     "the drive only moves slowly, and the response follows it from row to row: no transient shows, and a"
-    " gain, a feedthrough and a resonance beside the drive look alike; record a voltage step, or a sweep across"
-    " the resonance"
+    " gain, a feedthrough and a resonance beside the drive look alike; record a voltage step, or a sweep"
+    " across the resonance"
 )
 NO_ENVELOPE = (
     "rows differ from their neighbours as from any others, as noise does, or an"
