@@ -86,9 +86,8 @@ def fit(
     if found.judged.open and names:
         log.info("whether one of %s describes what is left", ", ".join(names))
         question, found, cause = _with_effects(question, found, names, bool(restless))
-    other = cause and any(
-        f.mostly for f in found.findings
-    )  # a plant of another kind, which decays as one too
+    # a plant of another kind decays as one of this too
+    other = cause and any(f.mostly for f in found.findings)
     # a decay that needs effects of its own is no better witness than a whole that one describes
     plate = {**given, "nuisances": tuple(n for n in nuisances if not (cause and n in ADOPTED))}
     told = _of_decays(best, plate) if restless and not other else None
