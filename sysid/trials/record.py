@@ -73,8 +73,9 @@ class Record:
         much."""
         if self.steady or not self.driven or (self.resonant and np.ptp(self.log.frequency) > 0):
             return False
-        change = np.abs(np.diff(self.log.drive))
-        return bool(np.mean(change > 0) > 0.5 and np.max(change) < SLOW * np.ptp(self.log.drive))
+        change, wide = np.abs(np.diff(self.log.drive)), float(np.ptp(self.log.drive))
+        often = 2 * np.count_nonzero(change) > len(change)
+        return bool(often and np.max(change) < SLOW * wide)
 
     @property
     def swept(self) -> bool:
