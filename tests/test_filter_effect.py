@@ -10,6 +10,8 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 import sysid
+from sysid.effects.filter import FILTERS
+from sysid.effects.number import Number
 from sysid.effects.registry import EVERY
 
 G, TAU, F0, DT = 0.02, 1.67e-3, 1.9e6, 1e-4
@@ -93,6 +95,13 @@ def test_a_filter_that_is_stated_and_not_there_is_told(seeds, time, order, among
         assert found.result is sysid.Result.successful
         assert told.key == "filter" and "that it states is not there" in told.sentence
         assert np.max(np.abs(scores([found]))) < 4
+
+
+def test_a_filter_that_is_hardly_seen_needs_none_that_is_stated():
+    """Of means over many rows its error is that of where within them it acts."""
+    step = sysid.fit(filtered_step(0, 1e-7, 1, 3e-3), effects="none").modes[0].trials[0]
+    found = {"lockin_tau_s": Number(1e-4, 1e-3, "s"), "lockin_order": Number(2.0, 0.0, "1")}
+    assert FILTERS[0].said(step, found).what.startswith("no lock-in's filter is stated; one of 2 poles")
 
 
 @pytest.mark.study

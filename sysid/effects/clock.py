@@ -154,19 +154,21 @@ def _moved(trial: Trial, reference: tuple[float, float], theta: tuple[float, ...
     return np.cumsum(np.abs(np.diff(plate, prepend=plate[:1])))
 
 
+def _row_at(trial: Trial, about: About, share: float) -> int:
+    """The row at which the response has made that share of its moves."""
+    moved = _moved(trial, about.reference, tuple(about.theta.tolist()))
+    return int(np.searchsorted(moved, share * moved[-1]))
+
+
 def _lost(share: float) -> Effect:
     """Rows that are missing, though the times go on, before about the row at which the response has made that
     share of its moves. Its numbers: how many, and by how many rows it is beside that one."""
 
-    def near(trial: Trial, about: About, share: float) -> int:
-        moved = _moved(trial, about.reference, tuple(about.theta.tolist()))
-        return int(np.searchsorted(moved, share * moved[-1]))
-
     def place(trial: Trial, values: np.ndarray, about: About) -> int:
-        return int(np.clip(near(trial, about, share) + np.rint(values[1]), 0, len(trial.log)))
+        return int(np.clip(_row_at(trial, about, share) + np.rint(values[1]), 0, len(trial.log)))
 
     def stds(trial: Trial, about: About) -> np.ndarray:
-        first, last = (near(trial, about, share + x / PLACES) for x in (-0.5, 0.5))
+        first, last = (_row_at(trial, about, share + x / PLACES) for x in (-0.5, 0.5))
         return np.array([ROWS[-1], 1.0 + EVEN * (last - first)])
 
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:

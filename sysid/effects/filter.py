@@ -21,6 +21,32 @@ def _matern(order: int, x: np.ndarray) -> np.ndarray:
     return np.exp(-x) * factorial(p) / factorial(2 * p) * sum(c * (2 * x) ** k for c, k in each)
 
 
+def _shows(trial: Trial) -> bool:
+    # means over longer than the stated filter would have to be of fewer rows
+    own = trial.whole is None or trial.spacing <= abs(trial.smoothing[0])
+    return (timed(trial) or timed_sweep(trial)) and trial.signed and own
+
+
+def _starts(trial: Trial, about: About) -> np.ndarray:
+    # a sweep waits for its points: of what is over before the next one it shows nothing
+    told = FILTERED * ENOUGH * about.tau > trial.spacing if trial.steady else FILTERED > 0
+    return FILTERED[told, None]
+
+
+def _said(trial: Trial, found: dict[str, Number]) -> Told:
+    order, time = round(found["lockin_order"].value), found["lockin_tau_s"]
+    bench = trial.log.bench  # where what was found may have been entered
+    if "lockin_tau_s" in bench and time.value < SEEN * time.std:
+        what = f"the lock-in's filter of {bench['lockin_tau_s']:.3g} s that it states is not there"
+        return Told(what, "leave lockin_tau_s out, or state that of this log")
+    another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
+    another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
+    says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
+    poles = f"{order} poles" if order > 1 else "one pole"
+    what = f"{says} one of {poles} of {time:.3g} s"
+    return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
+
+
 def _is_none(trial: Trial, fitted: Fitted) -> bool:
     """Whether a filter that a log states is not there: of none at all nothing shows how far it is from
     that."""
@@ -34,16 +60,6 @@ def _filter(order: int) -> Effect:
     """A lock-in's filter of so many poles, that no log states, or another than is stated. Its number: the
     delay of all poles together, in tau."""
 
-    def shows(trial: Trial) -> bool:
-        # means over longer than the stated filter would have to be of fewer rows
-        own = trial.whole is None or trial.spacing <= abs(trial.smoothing[0])
-        return (timed(trial) or timed_sweep(trial)) and trial.signed and own
-
-    def starts(trial: Trial, about: About) -> np.ndarray:
-        # a sweep waits for its points: of what is over before the next one it shows nothing
-        told = FILTERED * ENOUGH * about.tau > trial.spacing if trial.steady else FILTERED > 0
-        return FILTERED[told, None]
-
     def applied(trial: Trial, values: np.ndarray, about: About) -> Trial:
         time = max(float(values[0]), LEAST) * about.tau / order
         trial = as_transient(trial, trial.log.time) if trial.steady else trial
@@ -55,22 +71,10 @@ def _filter(order: int) -> Effect:
         return {"lockin_tau_s": max(float(values[0]), LEAST) * about.tau / order, "lockin_order": order}
 
     def numbers(trial: Trial, values: np.ndarray, stds: np.ndarray, about: About) -> dict[str, Number]:
-        time = number(values[0], stds[0], "s", about.tau / order)
+        time = number(max(values[0], 0.0), stds[0], "s", about.tau / order)
         if trial.whole is not None:  # means hide where within them it acts
             time = time._replace(std=float(np.hypot(time.std, trial.spacing / (12**0.5 * order))))
         return {"lockin_tau_s": time, "lockin_order": number(order, 0.0, "1")}
-
-    def said(trial: Trial, found: dict[str, Number]) -> Told:
-        poles, time = f"{order} poles" if order > 1 else "one pole", found["lockin_tau_s"]
-        bench = trial.log.bench  # where what was found may have been entered
-        if time.value < SEEN * time.std:
-            what = f"the lock-in's filter of {bench['lockin_tau_s']:.3g} s that it states is not there"
-            return Told(what, "leave lockin_tau_s out, or state that of this log")
-        another = abs(bench.get("lockin_tau_s", time.value) - time.value) > SEEN * time.std
-        another |= "lockin_tau_s" in bench and bench.get("lockin_order", 1) != order
-        says = "another lock-in's filter is stated than" if another else "no lock-in's filter is stated;"
-        what = f"{says} one of {poles} of {time:.3g} s"
-        return Told(what, "state lockin_tau_s and lockin_order, or the delay_s of a late trigger")
 
     def makes_sense(trial: Trial, fitted: Fitted) -> bool:
         # without a frequency either of two poles may be the plant's, and the slower one is taken for it
@@ -81,12 +85,12 @@ def _filter(order: int) -> Effect:
 
     return Effect(
         name="filter",
-        shows=shows,
+        shows=_shows,
         stds=fixed([1.0]),
-        starts=starts,
+        starts=_starts,
         applied=applied,
         numbers=numbers,
-        said=said,
+        said=_said,
         scope="bench",
         places=nowhere,
         known_as=("late",),
@@ -100,7 +104,7 @@ ORDERS = {order: _filter(order) for order in (1, 2, 3, 4, 6, 8)}  # 6 to 48 dB p
 # of a filter that a log states, none of whatever order: to first order nothing shows that it is not there
 NONE = replace(
     ORDERS[1],
-    shows=lambda trial: "lockin_tau_s" in trial.log.bench and ORDERS[1].shows(trial),
+    shows=lambda trial: "lockin_tau_s" in trial.log.bench and _shows(trial),
     starts=lambda trial, about: np.zeros((1, 1)),
     known_as=(),
 )
