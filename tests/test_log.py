@@ -1079,6 +1079,14 @@ def test_metadata_that_is_written_stays_metadata(tmp_path):
     assert read_one(tmp_path / "log.csv").response.tolist() == [1.0, 2.0]
 
 
+def test_what_others_note_of_their_noise_is_kept(tmp_path):
+    """And our word for it goes where it is no longer so."""
+    for noted, kept in (("3 nV", "3 nV"), ("relative", None)):
+        write_log(Log("made", [1.0, 2.0], [0.0, 1.0], metadata={"noise": noted}), tmp_path / "log.csv")
+        again = read_one(tmp_path / "log.csv")
+        assert again.metadata.get("noise") == kept and not again.relative_noise
+
+
 @settings(max_examples=80, deadline=None)
 @given(any_log())
 def test_a_written_log_reads_back_to_the_last_bit(tmp_path_factory, log):

@@ -33,14 +33,15 @@ def words(log: Log) -> dict[str, Any]:
         said.setdefault(
             "temperature_std_degC", 0.0
         )  # nobody read it: what is written of it is no step of a thermometer
-    kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key)}
+    kept = {key: value for key, value in log.metadata.items() if not _is_interpreted(key, str(value))}
     return {key: value for key, value in (kept | said).items() if value is not None}
 
 
-def _as_measured(log: Log) -> dict[str, str | None]:
+def _as_measured(log: Log) -> dict[str, str]:
     """What the rows do not show of how they were measured."""
-    noise = RELATIVE if log.relative_noise else EVEN if log.even else None
-    return dict(zip(MEASURED, (noise, TERMINALS if log.analysed else None), strict=True))
+    noise = RELATIVE if log.relative_noise else EVEN if log.even else ""
+    said = zip(MEASURED, (noise, TERMINALS if log.analysed else ""), strict=True)
+    return {key: word for key, word in said if word}
 
 
 def write_log(
@@ -77,11 +78,12 @@ def label(unit: str, quantity: str) -> str:
     return f"{quantity} [{unit}]" if set(unit) & set("_ ,") else f"{quantity}_{unit}"
 
 
-def _is_interpreted(key: str) -> bool:
-    """Whether a metadata key is one that the reader acts upon (`plate` aside)."""
+def _is_interpreted(key: str, value: str) -> bool:
+    """Whether metadata are what the reader acts upon (`plate` aside)."""
+    if key.casefold() in MEASURED:
+        return value.casefold() in (RELATIVE, EVEN, TERMINALS)
     known = (
-        key.casefold() in ("kind", "sampling", "volts_per_duty", *MEASURED, *BENCH)
-        or units.parse_name(key) is not None
+        key.casefold() in ("kind", "sampling", "volts_per_duty", *BENCH) or units.parse_name(key) is not None
     )
     return (
         known or units.split_unit(key.casefold())[0] in units.BENCH_TIMES or units.bench_time(key) is not None
